@@ -1,0 +1,151 @@
+"""The cluster-based tree: main branches, leaf clusters and where the tree stands (thesis 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from treegraph.allometry import Allometry
+from treegraph.errors import TreeError
+from treegraph.graph import TreeGraph, _as_float, _as_index
+
+__all__ = ["Cluster", "ClusterTree"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """A volume of leaves and twigs: its hull and the nodes from which it grows (thesis 3.3.2).
+
+    The arrays given are copied, and the copies are C-contiguous and read-only.
+
+    Attributes
+    ----------
+    vertices : (v, 3) float64
+        Vertices of the hull, metres, in the frame of the graph; finite.
+    faces : (f, 3) int32
+        Vertex indices of each triangle, counter-clockwise seen from outside.
+    seed : (s,) int32
+        Nodes of the graph from which the cluster grows.
+    density : float
+        Points per cubic metre of hull, >= 0; NaN where unknown.
+    n_points : int
+        Number of scan points in the cluster, >= 0.
+
+    Raises
+    ------
+    TreeError
+        If an array has a wrong shape or an index points outside.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    seed: NDArray[np.int32]
+    density: float
+    n_points: int
+
+    def __post_init__(self) -> None:
+        vertices = _as_float("vertices", self.vertices)
+        faces = _as_index("faces", self.faces)
+        seed = _as_index("seed", self.seed)
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise TreeError(f"vertices must have shape (v, 3), got {vertices.shape}")
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            raise TreeError(f"faces must have shape (f, 3), got {faces.shape}")
+        if seed.ndim != 1:
+            raise TreeError(f"seed must have shape (s,), got {seed.shape}")
+        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        if bad.size:
+            raise TreeError(f"vertices must be finite, but vertices[{bad[0]}] is {vertices[bad[0]]}")
+        bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
+        if bad.size:
+            raise TreeError(
+                f"faces must index the {len(vertices)} vertices, but faces[{bad[0]}] is {faces[bad[0]]}; "
+                f"{bad.size} of {len(faces)} faces break this"
+            )
+        density, n_points = float(self.density), int(self.n_points)
+        if density < 0.0 or np.isinf(density):
+            raise TreeError(f"density must be >= 0 points per cubic metre, or NaN, got {density!r}")
+        if n_points < 0:
+            raise TreeError(f"n_points must be >= 0, got {n_points}")
+        for name, array in (("vertices", vertices), ("faces", faces), ("seed", seed)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "density", density)
+        object.__setattr__(self, "n_points", n_points)
+
+    def __repr__(self) -> str:
+        return f"<Cluster {len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.seed)} seeds>"
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterTree:
+    """A whole tree as Sapwood keeps and sends it.
+
+    Attributes
+    ----------
+    graph : TreeGraph
+        The main branches.
+    clusters : tuple of Cluster
+        The leaf clusters; none for a bare tree.
+    species : str or None
+        Name of the species; None where unknown.
+    allometry : Allometry
+        The parameters with which the tree was made.
+    origin : (3,) float64
+        World coordinates of the local origin (the base of the trunk), metres:
+        ``world = local + origin``.
+    epsg : int or None
+        EPSG code of the world coordinates; None where unknown.
+
+    Raises
+    ------
+    TreeError
+        If a part has the wrong type or shape, or a seed is not a node of the graph.
+    """
+
+    graph: TreeGraph
+    clusters: tuple[Cluster, ...]
+    species: str | None
+    allometry: Allometry
+    origin: NDArray[np.float64]
+    epsg: int | None = None
+
+    def __post_init__(self) -> None:
+        clusters = tuple(self.clusters)
+        for name, value, kind in (
+            ("graph", self.graph, TreeGraph),
+            ("allometry", self.allometry, Allometry),
+            *((f"clusters[{k}]", cluster, Cluster) for k, cluster in enumerate(clusters)),
+        ):
+            if not isinstance(value, kind):
+                raise TreeError(f"{name} must be a {kind.__name__}, got {type(value).__name__}")
+        n = self.graph.n_nodes
+        for k, cluster in enumerate(clusters):
+            bad = np.flatnonzero((cluster.seed < 0) | (cluster.seed >= n))
+            if bad.size:
+                raise TreeError(
+                    f"seeds must be nodes of the graph (0 to {n - 1}), "
+                    f"but clusters[{k}].seed[{bad[0]}] is {cluster.seed[bad[0]]}"
+                )
+        if self.species is not None and not (isinstance(self.species, str) and self.species):
+            raise TreeError(f"species must be a name or None, got {self.species!r}")
+        if self.epsg is not None and not 0 < int(self.epsg) < 2**31:
+            raise TreeError(f"epsg must be a positive code or None, got {self.epsg!r}")
+        origin = _as_float("origin", self.origin)
+        if origin.shape != (3,) or not np.isfinite(origin).all():
+            raise TreeError(f"origin must be three finite numbers, got {self.origin!r}")
+        origin.flags.writeable = False
+        object.__setattr__(self, "clusters", clusters)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "epsg", None if self.epsg is None else int(self.epsg))
+
+    def __repr__(self) -> str:
+        named = f", {self.species}" if self.species else ""
+        return f"<ClusterTree {self.graph.n_nodes} nodes, {len(self.clusters)} clusters{named}>"
+
+    def replace(self, **changes: Any) -> ClusterTree:
+        """Return a tree with some of its parts changed; the rules are checked again."""
+        return replace(self, **changes)
