@@ -1,0 +1,1 @@
+"""One module per family of point files; :mod:`recon.reading` chooses by content."""
