@@ -19,14 +19,28 @@ from treegraph.errors import FitError, FormatError, InputError, SapwoodError, Tr
 from treegraph.graph import NO_PARENT, TreeGraph, check_tree, sort_topological, tree_from_unsorted
 
 if TYPE_CHECKING:
+    from treegraph.edit import prune, resample, simplify, simplify_nodes, take_nodes, transform
     from treegraph.measure import children, count_tips, path_length, segment_length, subtree_length
+    from treegraph.order import chains, continue_axis, gravelius_order
+    from treegraph.swc import read_swc, write_swc
 
 _LAZY = {
+    "chains": "order",
     "children": "measure",
+    "continue_axis": "order",
     "count_tips": "measure",
+    "gravelius_order": "order",
     "path_length": "measure",
+    "prune": "edit",
+    "read_swc": "swc",
+    "resample": "edit",
     "segment_length": "measure",
+    "simplify": "edit",
+    "simplify_nodes": "edit",
     "subtree_length": "measure",
+    "take_nodes": "edit",
+    "transform": "edit",
+    "write_swc": "swc",
 }
 
 __all__ = [
@@ -43,15 +57,26 @@ __all__ = [
     "TreeError",
     "TreeGraph",
     "allometric_radii",
+    "chains",
     "check_tree",
     "children",
+    "continue_axis",
     "count_tips",
     "find_allometry",
+    "gravelius_order",
     "path_length",
+    "prune",
+    "read_swc",
+    "resample",
     "segment_length",
+    "simplify",
+    "simplify_nodes",
     "sort_topological",
     "subtree_length",
+    "take_nodes",
+    "transform",
     "tree_from_unsorted",
+    "write_swc",
 ]
 
 

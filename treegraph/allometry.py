@@ -97,7 +97,8 @@ def find_allometry(name: str | None) -> Allometry:
         if known.casefold() == wanted:
             return allometry
     raise InputError(
-        f"species must be one of {', '.join(sorted(SPECIES_ALLOMETRY))}, got {name!r}; leave it out for the default"
+        f"species must be one of {', '.join(sorted(SPECIES_ALLOMETRY))}, got {name!r}; "
+        "leave it out for the default"
     )
 
 

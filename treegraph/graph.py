@@ -284,7 +284,8 @@ def _check_attributes(attribute: Mapping[str, NDArray[Any]], n: int) -> None:
     for name, array in attribute.items():
         if not isinstance(name, str) or not name or name in _RESERVED:
             raise TreeError(
-                f"an attribute's name must be a non-empty string other than {', '.join(_RESERVED)}, got {name!r}"
+                f"an attribute's name must be a non-empty string other than {', '.join(_RESERVED)}, "
+                f"got {name!r}"
             )
         if array.dtype.hasobject:
             raise TreeError(f"attribute {name!r} must have a plain dtype, got {array.dtype}")
