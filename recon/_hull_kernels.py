@@ -233,8 +233,13 @@ def _face_quadric(xyz, a, b, c, quadric, v):
 @_jit
 def _quadric_cost(q, p):
     x, y, z = p[0], p[1], p[2]
-    return (q[0] * x * x + q[3] * y * y + q[5] * z * z
-            + 2.0 * (q[1] * x * y + q[2] * x * z + q[4] * y * z + q[6] * x + q[7] * y + q[8] * z) + q[9])
+    return (
+        q[0] * x * x
+        + q[3] * y * y
+        + q[5] * z * z
+        + 2.0 * (q[1] * x * y + q[2] * x * z + q[4] * y * z + q[6] * x + q[7] * y + q[8] * z)
+        + q[9]
+    )
 
 
 @_jit
@@ -262,30 +267,38 @@ def _place(xyz, quadric, u, v, out):
 
 
 @_jit
-def _may_collapse(xyz, face, u, v, place, mark, stamp):
-    """True if joining u and v at ``place`` keeps a closed manifold and turns no face over."""
-    shared = 0
-    for f in range(face.shape[0]):  # the ring of u
-        if face[f, 0] == u or face[f, 1] == u or face[f, 2] == u:
+def _has(face, f, v):
+    return face[f, 0] == v or face[f, 1] == v or face[f, 2] == v
+
+
+@_jit
+def _common_neighbours(face, u, v, mark, stamp):
+    """Number of vertices beside both u and v: two where the edge u-v may go (the link condition)."""
+    common = 0
+    for f in range(face.shape[0]):
+        if _has(face, f, u):
             for i in range(3):
                 mark[face[f, i]] = stamp
-    for f in range(face.shape[0]):  # the ring of v: vertices that are in both
-        if face[f, 0] == v or face[f, 1] == v or face[f, 2] == v:
+    for f in range(face.shape[0]):
+        if _has(face, f, v):
             for i in range(3):
                 w = face[f, i]
                 if w != u and w != v and mark[w] == stamp:
                     mark[w] = -stamp
-                    shared += 1
-    if shared != 2:
-        return False
+                    common += 1
+    return common
+
+
+@_jit
+def _turns_a_face(xyz, face, u, v, place):
+    """True if moving both u and v to ``place`` turns a face over or makes it vanish."""
     for f in range(face.shape[0]):
-        has_u = face[f, 0] == u or face[f, 1] == u or face[f, 2] == u
-        has_v = face[f, 0] == v or face[f, 1] == v or face[f, 2] == v
+        has_u, has_v = _has(face, f, u), _has(face, f, v)
         if has_u == has_v:
-            continue
+            continue  # away from the edge, or gone with it
+        moved = u if has_u else v
         a, b, c = xyz[face[f, 0]], xyz[face[f, 1]], xyz[face[f, 2]]
         before = np.cross(b - a, c - a)
-        moved = u if has_u else v
         if face[f, 0] == moved:
             a = place
         elif face[f, 1] == moved:
@@ -294,11 +307,9 @@ def _may_collapse(xyz, face, u, v, place, mark, stamp):
             c = place
         after = np.cross(b - a, c - a)
         scale = np.sqrt(np.dot(before, before) * np.dot(after, after))
-        if np.dot(before, after) < MIN_NORMAL_DOT * scale:
-            return False
-        if scale <= 0.0 and np.dot(after, after) <= 0.0:
-            return False
-    return True
+        if np.dot(before, after) < MIN_NORMAL_DOT * scale or np.dot(after, after) <= 0.0:
+            return True
+    return False
 
 
 @_jit
@@ -337,7 +348,8 @@ def collapse_edges(xyz, face, target):
         u, v = face[at, corner], face[at, (corner + 1) % 3]
         stamp += 1
         point = place[at, corner].copy()
-        if not _may_collapse(xyz, face[:n_faces], u, v, point, mark, stamp):
+        ring = face[:n_faces]
+        if _common_neighbours(ring, u, v, mark, stamp) != 2 or _turns_a_face(xyz, ring, u, v, point):
             cost[at, corner] = np.inf  # looked at again when something beside it changes
             continue
         xyz[u] = point

@@ -172,7 +172,7 @@ def test_shell_is_filled():
 def test_holds_nearly_all_points(seed):
     rng = np.random.default_rng(seed)
     middle = rng.random((30, 3)) * [2.0, 1.0, 1.5]
-    points = (middle[rng.integers(30, size=1200)] + rng.normal(0.0, 0.08, (1200, 3)))
+    points = middle[rng.integers(30, size=1200)] + rng.normal(0.0, 0.08, (1200, 3))
     hull = alpha_hull(points)
     check_closed(hull)
     assert 12 <= len(hull.faces) <= 120
@@ -208,7 +208,7 @@ def test_degenerate_points_get_a_closed_hull(points):
     check_closed(hull)
     assert len(hull.faces) <= 120
     low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
-    slack = MINIMUM_SIZE + (0.3 if np.isnan(hull.alpha) else 0.05) * np.ptp(points, axis=0).max()  # box or shape
+    slack = MINIMUM_SIZE + (0.3 if np.isnan(hull.alpha) else 0.05) * np.ptp(points, axis=0).max()
     assert (low >= points.min(axis=0) - slack).all() and (high <= points.max(axis=0) + slack).all()
     assert (low <= points.min(axis=0) + slack).all() and (high >= points.max(axis=0) - slack).all()
 
@@ -284,23 +284,29 @@ def test_volume_of_a_tetrahedron():
     npt.assert_allclose(mesh_volume(vertices, faces[:, ::-1]), -1.0 / 6.0)
 
 
-@pytest.mark.parametrize("points, match", [
-    (np.zeros((0, 3)), r"points must have shape \(n, 3\) with n > 0, got \(0, 3\)"),
-    (np.zeros((4, 2)), r"got \(4, 2\)"),
-    (np.array([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]]), r"must be finite.* at row 1 \(1 of 2 such rows\)"),
-])
+@pytest.mark.parametrize(
+    "points, match",
+    [
+        (np.zeros((0, 3)), r"points must have shape \(n, 3\) with n > 0, got \(0, 3\)"),
+        (np.zeros((4, 2)), r"got \(4, 2\)"),
+        (np.array([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]]), r"must be finite.* at row 1 \(1 of 2 such rows\)"),
+    ],
+)
 def test_bad_points(points, match):
     with pytest.raises(ValueError, match=match):
         alpha_hull(points)
 
 
-@pytest.mark.parametrize("argument, match", [
-    ({"max_points": 3}, "max_points must be at least 4, got 3"),
-    ({"max_faces": 11}, "max_faces must be at least 12"),
-    ({"multiple": 0.5}, "multiple must be at least 1, got 0.5"),
-    ({"multiple": np.nan}, "multiple must be at least 1, got nan"),
-    ({"minimum_size": 0.0}, "minimum_size must be a positive finite number"),
-])
+@pytest.mark.parametrize(
+    "argument, match",
+    [
+        ({"max_points": 3}, "max_points must be at least 4, got 3"),
+        ({"max_faces": 11}, "max_faces must be at least 12"),
+        ({"multiple": 0.5}, "multiple must be at least 1, got 0.5"),
+        ({"multiple": np.nan}, "multiple must be at least 1, got nan"),
+        ({"minimum_size": 0.0}, "minimum_size must be a positive finite number"),
+    ],
+)
 def test_bad_parameters(argument, match):
     with pytest.raises(ValueError, match=match):
         alpha_hull(np.zeros((5, 3)), **argument)
