@@ -83,7 +83,9 @@ def test_heavy_modules_are_imported_inside_functions(package):
             continue
         for line, name in imported_names(ast.parse(path.read_text(encoding="utf-8")), top_level_only=True):
             if name in HEAVY:
-                found.append(f"{path.relative_to(ROOT)}:{line}: import {name} inside the function that needs it")
+                found.append(
+                    f"{path.relative_to(ROOT)}:{line}: import {name} inside the function that needs it"
+                )
     assert not found, "\n".join(found)
 
 

@@ -1,0 +1,102 @@
+"""Which scans a command line means, and the name that each scan's outputs bear."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from treegraph.errors import InputError
+
+__all__ = ["SCAN_SUFFIXES", "find_scans", "name_scans"]
+
+#: What is looked for in a folder. A file that is named itself is read whatever its name is.
+SCAN_SUFFIXES = (".las", ".laz", ".ply", ".pcd", ".e57", ".xyz", ".txt", ".csv", ".asc", ".pts", ".npy")
+
+_GLOB_CHARACTERS = "*?["
+
+
+def find_scans(arguments: Iterable[str]) -> list[Path]:
+    """List the scans that the arguments of a command mean.
+
+    A folder means the scans in it (not in its sub-folders) by their suffix, a pattern such as
+    ``"plots/**/*.laz"`` what it matches; both in alphabetical order. A file named twice is taken once.
+
+    Raises
+    ------
+    InputError
+        If an argument is no file, an empty folder, or a pattern that matches nothing.
+    """
+    found: dict[str, Path] = {}
+    for argument in arguments:
+        for path in _expand(str(argument)):
+            found.setdefault(os.path.realpath(path), path)
+    if not found:
+        raise InputError("no scan was named; give at least one file, folder or pattern.")
+    return list(found.values())
+
+
+def _expand(argument: str) -> list[Path]:
+    path = Path(argument)
+    if path.is_dir():
+        scans = sorted(p for p in path.iterdir() if p.suffix.lower() in SCAN_SUFFIXES and p.is_file())
+        if not scans:
+            raise InputError(
+                f"{argument}: no scan in this folder; looked for {' '.join(SCAN_SUFFIXES)} (sub-folders are not searched)."
+            )
+        return scans
+    if not path.exists() and any(character in argument for character in _GLOB_CHARACTERS):
+        scans = sorted(Path(p) for p in glob.glob(argument, recursive=True) if os.path.isfile(p))
+        if not scans:
+            raise InputError(f"{argument}: no file matches this pattern.")
+        return scans
+    return [path]  # a missing file is said by the reader, as that scan's own failure
+
+
+def name_scans(scans: Iterable[Path]) -> list[str]:
+    """Give each scan the name of its outputs: the file's name without suffix, made unique.
+
+    Scans that would share a name get as many of their folders in front as it takes to tell them
+    apart (``north/tree.laz`` and ``south/tree.laz`` become ``north-tree`` and ``south-tree``); those of one
+    folder get their suffix behind (``tree-laz``, ``tree-ply``). Upper and lower case count as the same letter,
+    as they do on some file systems.
+
+    Examples
+    --------
+    >>> name_scans([Path("north/tree.laz"), Path("south/tree.laz"), Path("south/oak.laz")])
+    ['north-tree', 'south-tree', 'oak']
+    """
+    paths = [Path(os.path.abspath(scan)) for scan in scans]
+    names = [path.stem or path.name for path in paths]
+    per_folder = Counter((path.parent, name.casefold()) for path, name in zip(paths, names, strict=True))
+    for k, path in enumerate(paths):
+        if per_folder[path.parent, names[k].casefold()] > 1:
+            names[k] = f"{names[k]}-{path.suffix.lstrip('.')}"
+    full = list(names)
+    depth = [0] * len(paths)
+    while True:
+        count = Counter(name.casefold() for name in full)
+        shared = [k for k, name in enumerate(full) if count[name.casefold()] > 1]
+        deeper = [k for k in shared if depth[k] < len(paths[k].parent.parts) - 1]
+        if not deeper:
+            break
+        for k in deeper:
+            depth[k] += 1
+            full[k] = "-".join([*paths[k].parent.parts[-depth[k] :], names[k]])
+    return _number(full)
+
+
+def _number(names: list[str]) -> list[str]:
+    """Add -2, -3 ... to names that are still the same."""
+    taken: set[str] = set()
+    unique = []
+    for name in names:
+        candidate, k = name, 1
+        while candidate.casefold() in taken:
+            k += 1
+            candidate = f"{name}-{k}"
+        taken.add(candidate.casefold())
+        unique.append(candidate)
+    return unique
