@@ -1,0 +1,33 @@
+"""Run every benchmark for which the data folder holds scans: ``python -m benchmarks --data DIR``."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+
+from benchmarks import data, dbh, sizes, skeleton_truth, speed, wood
+
+BENCHMARKS = {"wood": wood, "skeleton_truth": skeleton_truth, "dbh": dbh, "sizes": sizes, "speed": speed}
+QUICK_LADDER = (100_000, 1_000_000)
+
+
+def main() -> None:
+    """Command line."""
+    parser = ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    data.add_arguments(parser)
+    parser.add_argument(
+        "--skip", default="", help=f"benchmarks to leave out, by commas: {', '.join(BENCHMARKS)}"
+    )
+    parser.add_argument("--full", action="store_true", help="climb the ladder to 10 million points")
+    arguments = parser.parse_args()
+    arguments.rungs = list(speed.LADDER if arguments.full else QUICK_LADDER)
+    skipped = {name.strip() for name in arguments.skip.split(",")}
+    for name, module in BENCHMARKS.items():
+        if name in skipped:
+            continue
+        print(f"## {name}\n\n{(module.__doc__ or '').splitlines()[0]}\n")
+        module.run(arguments)
+        print(flush=True)
+
+
+if __name__ == "__main__":
+    main()
