@@ -22,7 +22,7 @@ from benchmarks.wood import dbh_agrees
 
 CLEAN_ARC = 0.5
 CLEAN_RESIDUAL = 0.01  # metres, or
-CLEAN_RESIDUAL_SHARE = 0.05  # of the radius: median distance of the points from the circle
+CLEAN_RESIDUAL_SHARE = 0.10  # of the radius: median distance of the points from the circle
 
 
 def is_clean(circle: Circle | None) -> bool:
@@ -43,6 +43,13 @@ def judge(dbh: float | None, reason: str | None, circle: Circle | None) -> str:
     return "no clean ring"
 
 
+def off_circle(dbh: float | None, circle: Circle | None) -> float | None:
+    """Our DBH against the circle's diameter, per cent; None where one of them is unknown."""
+    if dbh is None or circle is None:
+        return None
+    return round(100.0 * (dbh / (2.0 * circle.radius) - 1.0), 1)
+
+
 def measure_scan(root: Path, scan: Scan) -> dict[str, Any]:
     """One row; the slice is taken above the trunk base that the reconstruction found."""
     from recon import EncodeSettings, encode_with_report
@@ -57,6 +64,7 @@ def measure_scan(root: Path, scan: Scan) -> dict[str, Any]:
         "scan": scan.name,
         "dbh_cm": None if facts.dbh_m is None else round(100.0 * facts.dbh_m, 1),
         "circle_cm": None if circle is None else round(200.0 * circle.radius, 1),
+        "off_pct": off_circle(facts.dbh_m, circle),
         "arc": None if circle is None else circle.arc,
         "residual_mm": None if circle is None else round(1000.0 * circle.residual, 1),
         "base_above_lowest_m": round(base - float(points[:, 2].min()), 2),

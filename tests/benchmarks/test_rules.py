@@ -125,6 +125,12 @@ def test_dbh_verdicts(ours, reason, circle, verdict):
     assert dbh.judge(ours, reason, circle) == verdict
 
 
+def test_off_circle_is_signed_per_cent():
+    circle = Circle(0, 0, 0.1, 0.001, 1.0)
+    assert dbh.off_circle(0.21, circle) == 5.0 and dbh.off_circle(0.19, circle) == -5.0
+    assert dbh.off_circle(None, circle) is None and dbh.off_circle(0.2, None) is None
+
+
 def tree(position, radius, origin=(0.0, 0.0, 0.0)):
     graph = SimpleNamespace(position=np.asarray(position, float), radius=np.asarray(radius, float))
     return SimpleNamespace(graph=graph, origin=np.asarray(origin, float))
