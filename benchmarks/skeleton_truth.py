@@ -14,6 +14,7 @@ from __future__ import annotations
 import sys
 import time
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -141,13 +142,18 @@ def encode_wood(points: np.ndarray) -> tuple[Segments, float]:
     return from_tree(tree), time.process_time() - begin
 
 
-def measure(root: Path, scan: Scan, model: Path | None = None) -> dict[str, Any]:
-    """One row of the table."""
+def measure(
+    root: Path,
+    scan: Scan,
+    model: Path | None = None,
+    encode: Callable[[np.ndarray], tuple[Segments, float]] = encode_wood,
+) -> dict[str, Any]:
+    """One row of the table; `encode` makes segments and CPU seconds of points, unless a `model` is read."""
     points = read_scan(root, scan)
     truth = read_truth(root, scan)
     cpu = float("nan")
     if model is None:
-        segments, cpu = encode_wood(points)
+        segments, cpu = encode(points)
     else:
         segments = read_cylinders(model)
     figures = compare(sample(segments, SPACING), truth, points)
@@ -155,7 +161,7 @@ def measure(root: Path, scan: Scan, model: Path | None = None) -> dict[str, Any]
 
 
 def run(arguments: Namespace) -> list[dict[str, Any]]:
-    """All rows; a scan that fails gets a row that says so."""
+    """All rows, printed as a table."""
     scans = data.chosen(arguments, tuple(s for s in (*data.WALNUT, *data.SCANS, *data.MODELS) if s.truth))
     rows = []
     for scan in scans:
