@@ -16,21 +16,25 @@ FAR_OPTIMUM = 1.5  # of the edge length: an optimum farther from the middle is n
 def circumradii(xyz, tetra, out):
     """Fill ``out`` (t,) with the circumradius of each tetrahedron, inf where it is flat."""
     for t in range(tetra.shape[0]):
-        p = xyz[tetra[t, 0]]
-        a = xyz[tetra[t, 1]] - p
-        b = xyz[tetra[t, 2]] - p
-        c = xyz[tetra[t, 3]] - p
-        bc = np.cross(b, c)
-        ca = np.cross(c, a)
-        ab = np.cross(a, b)
-        aa, bb, cc = np.dot(a, a), np.dot(b, b), np.dot(c, c)
-        det = np.dot(a, bc)
+        o, i, j, k = tetra[t, 0], tetra[t, 1], tetra[t, 2], tetra[t, 3]
+        ax, ay, az = xyz[i, 0] - xyz[o, 0], xyz[i, 1] - xyz[o, 1], xyz[i, 2] - xyz[o, 2]
+        bx, by, bz = xyz[j, 0] - xyz[o, 0], xyz[j, 1] - xyz[o, 1], xyz[j, 2] - xyz[o, 2]
+        cx, cy, cz = xyz[k, 0] - xyz[o, 0], xyz[k, 1] - xyz[o, 1], xyz[k, 2] - xyz[o, 2]
+        aa = ax * ax + ay * ay + az * az
+        bb = bx * bx + by * by + bz * bz
+        cc = cx * cx + cy * cy + cz * cz
+        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx  # b x c
+        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax  # c x a
+        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx  # a x b
+        det = ax * ux + ay * uy + az * uz
         longest = max(aa, max(bb, cc))
         if abs(det) <= FLAT_DET * longest * np.sqrt(longest):
             out[t] = np.inf
         else:
-            centre = (aa * bc + bb * ca + cc * ab) / (2.0 * det)
-            out[t] = np.sqrt(np.dot(centre, centre))
+            x = aa * ux + bb * vx + cc * wx
+            y = aa * uy + bb * vy + cc * wy
+            z = aa * uz + bb * vz + cc * wz
+            out[t] = 0.5 * np.sqrt(x * x + y * y + z * z) / abs(det)
 
 
 @_jit

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DEFAULT_MAX_POINTS = 600
+DEFAULT_MAX_POINTS = 500
 DEFAULT_MAX_FACES = 120
 DEFAULT_MULTIPLE = 5.0  # alpha / alpha_min of the thesis, 3.3.2
 MINIMUM_SIZE = 0.02  # metres: no hull is thinner than this
@@ -81,7 +81,7 @@ def alpha_hull(
     ----------
     points : (n, 3) float array_like
         Metres, finite, n > 0. Their order is nothing; duplicates are allowed.
-    max_points : int, default 600
+    max_points : int, default 500
         Points left after thinning to one per voxel, >= 4.
     max_faces : int, default 120
         Faces of the hull at most, >= 12.
@@ -103,7 +103,7 @@ def alpha_hull(
 
     Notes
     -----
-    O(n) for the thinning and about 8 ms for 600 points kept. Voxels start at the lowest corner of the
+    O(n) for the thinning and about 5 ms for 500 points kept. Voxels start at the lowest corner of the
     points, so the hull moves with them.
 
     References
