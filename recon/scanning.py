@@ -7,6 +7,8 @@ no points between two surfaces, no intensity and no limit on the angle of incide
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 RAYS_PER_CHUNK = 1_000_000  # bounds the memory: about 100 bytes a ray
@@ -160,24 +162,24 @@ def _check_numbers(step: float, noise: float, max_range: float, rays_per_chunk: 
         raise ValueError(f"rays_per_chunk must be at least 1, got {rays_per_chunk!r}")
 
 
-def _scene(vertices: np.ndarray, faces: np.ndarray):  # type: ignore[no-untyped-def]
+def _scene(vertices: np.ndarray, faces: np.ndarray) -> Any:
     import open3d
 
+    tensor: Any = open3d.core.Tensor
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32))
-    )
+    scene.add_triangles(tensor(vertices.astype(np.float32)), tensor(faces.astype(np.uint32)))
     return scene
 
 
-def _cast(scene, station: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+def _cast(scene: Any, station: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance (k,), inf without a hit, and triangle (k,) of unit rays (k, 3) from a station."""
     import open3d
 
+    tensor: Any = open3d.core.Tensor
     both = np.empty((len(ray), 6), np.float32)
     both[:, :3] = station
     both[:, 3:] = ray
-    answer = scene.cast_rays(open3d.core.Tensor(both))
+    answer = scene.cast_rays(tensor(both))
     return answer["t_hit"].numpy(), answer["primitive_ids"].numpy()
 
 
@@ -190,17 +192,17 @@ def _window(vertices: np.ndarray, station: np.ndarray, step: float) -> tuple[np.
         n = int(np.floor(2.0 * np.pi / step))
         k = np.floor(np.pi / 2.0 / step)
         return np.arange(n) * step, np.arange(-k, k + 1) * step
-    elevation = np.arctan2(gap[:, 2], flat)
-    middle = np.arctan2(*(0.5 * (low + high) - station[:2])[::-1])
+    to_middle = 0.5 * (low + high) - station[:2]
+    middle = np.arctan2(to_middle[1], to_middle[0])
     turn = np.arctan2(gap[:, 1], gap[:, 0]) - middle
     turn = (turn + np.pi) % (2.0 * np.pi) - np.pi  # outside the box no vertex is behind the station
     reach = middle + np.array([turn.min(), turn.max()])
-    below, above = elevation.min(), elevation.max()
-    # Between two vertices a triangle may rise above both: the window opens to what its box can do.
-    nearest = np.linalg.norm(np.maximum(np.maximum(low - station[:2], station[:2] - high), 0.0))
-    top, bottom = vertices[:, 2].max() - station[2], vertices[:, 2].min() - station[2]
-    above = max(above, np.arctan2(top, max(nearest, 1e-9))) if top > 0.0 else above
-    below = min(below, np.arctan2(bottom, max(nearest, 1e-9))) if bottom < 0.0 else below
+    # Seen from between its heights, a triangle may rise above all its corners: there the box is the bound.
+    elevation = np.arctan2(gap[:, 2], flat)
+    nearest = float(np.linalg.norm(np.maximum(np.maximum(low - station[:2], station[:2] - high), 0.0)))
+    bottom, top = float(gap[:, 2].min()), float(gap[:, 2].max())
+    below = float(np.arctan2(bottom, nearest)) if bottom < 0.0 else float(elevation.min())
+    above = float(np.arctan2(top, nearest)) if top > 0.0 else float(elevation.max())
     return _multiples(reach[0], reach[1], step), _multiples(below, above, step)
 
 

@@ -104,6 +104,14 @@ def test_window_over_the_seam_of_the_azimuth():
     assert len(points) < 2000  # one face, not a second turn
 
 
+def test_a_wide_triangle_is_seen_up_to_its_middle():
+    """Its middle is near and steep, its corners far and flat: the window must not be theirs."""
+    vertices = np.array([[3.0, -30.0, 4.0], [3.0, 30.0, 4.0], [3.0, 0.0, -4.0]])
+    points, _ = scan_mesh(vertices, [[0, 1, 2]], [0.0, 0.0, 0.0], step=0.01)
+    npt.assert_allclose(points[:, 2].max(), 4.0, atol=0.1)
+    assert np.abs(points[points[:, 2] > 3.8][:, 1]).min() < 1.0
+
+
 def test_map_coordinates_lose_nothing():
     vertices, faces = box([-1, -1, 0], [1, 1, 3])
     shift = np.array([451200.0, 5411200.0, 312.0])
