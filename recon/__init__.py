@@ -8,19 +8,37 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from recon.cloud import Cloud, as_cloud
+    from recon.encoding import EncodeReport, EncodeSettings, Encoding, encode, encode_with_report
     from recon.preparing import Prepared, PrepareSettings, prepare
     from recon.reading import read_cloud
 
 _LAZY = {
     "Cloud": "cloud",
     "as_cloud": "cloud",
+    "EncodeReport": "encoding",
+    "EncodeSettings": "encoding",
+    "Encoding": "encoding",
+    "encode": "encoding",
+    "encode_with_report": "encoding",
     "Prepared": "preparing",
     "PrepareSettings": "preparing",
     "prepare": "preparing",
     "read_cloud": "reading",
 }
 
-__all__ = ["Cloud", "PrepareSettings", "Prepared", "as_cloud", "prepare", "read_cloud"]
+__all__ = [
+    "Cloud",
+    "EncodeReport",
+    "EncodeSettings",
+    "Encoding",
+    "PrepareSettings",
+    "Prepared",
+    "as_cloud",
+    "encode",
+    "encode_with_report",
+    "prepare",
+    "read_cloud",
+]
 
 
 def __getattr__(name: str) -> Any:

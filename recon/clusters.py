@@ -1,0 +1,133 @@
+"""Leaf clusters: which points they are, how they are grouped, and their hulls.
+
+Based on: Pirk, PhD thesis, 2013, section 3.3.2.
+
+Departs from it in: f_s (eq. 3.2) is compounded for every `F_S_STEP` of path from the root, so that
+the result does not depend on how finely the graph is sampled; the distance of an edge's points is
+taken from the surface of the branch, as points of a bare trunk lie half a diameter from its axis;
+the low-confidence subtrees of one bough are gathered into clusters of comparable size, which have
+several seeds each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.hulls import alpha_hull
+from recon.skeleton import Skeleton, chains_of
+from treegraph.clustertree import Cluster
+
+F_S_STEP = 0.5  # metres of path for one power of f_s
+NOISE = 0.004  # points are no nearer to the surface of a branch than this, metres
+LEAF_DISTANCE = 0.03  # points that belong to no branch are leaves if farther from all wood, metres
+MIN_CLUSTER_POINTS = 12
+MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
+
+
+@dataclass(frozen=True, eq=False)
+class PointGroup:
+    """Points of one cluster and where it sits on the skeleton.
+
+    Attributes
+    ----------
+    row : (k,) int64
+        Rows of the points.
+    seed : (s,) int32
+        Nodes the cluster grows from.
+    """
+
+    row: np.ndarray
+    seed: np.ndarray
+
+
+def leafy_nodes(xyz: np.ndarray, skeleton: Skeleton, f_s: float) -> np.ndarray:
+    r"""Nodes beyond the first low-confidence edge on the way from the root.
+
+    An edge is of low confidence where the mean distance of its points from the surface of the
+    branch is larger than :math:`d'(u) = f_s^{s/s_0} d(u)`, eq. 3.2 of [1]_ compounded along the
+    path of length s from the root, with s_0 = 0.5 m.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+    skeleton : Skeleton
+        With final radii.
+    f_s : float
+        0 < f_s <= 1.
+
+    Returns
+    -------
+    (n_nodes,) bool
+        Closed outwards: what a leafy node carries is leafy. Never the root.
+
+    References
+    ----------
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", PhD thesis,
+       University of Konstanz, 2013.
+    """
+    from recon import _tube_kernels as tubes
+
+    chains = chains_of(skeleton)
+    spread = tubes.mean_surface_distance(
+        xyz,
+        chains.point_start,
+        chains.point,
+        skeleton.parent,
+        chains.onward,
+        skeleton.position,
+        skeleton.radius,
+    )
+    return tubes.low_confidence(
+        skeleton.parent, skeleton.position, skeleton.radius, spread, chains.n_points, f_s, F_S_STEP, NOISE
+    )
+
+
+def cluster_points(xyz: np.ndarray, skeleton: Skeleton, max_clusters: int) -> list[PointGroup]:
+    """Group the points that belong to no branch by the boughs they hang on.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+    skeleton : Skeleton
+        Main branches only; `label` -1 marks the points that belong to none of them.
+    max_clusters : int
+        About how many groups to make.
+
+    Returns
+    -------
+    list of PointGroup
+        Each with at least `MIN_CLUSTER_POINTS` points, in the order of the skeleton.
+    """
+    from recon import _tube_kernels as tubes
+
+    chains = chains_of(skeleton)
+    row = np.flatnonzero(skeleton.label < 0)
+    home = skeleton.home[row]
+    gap = tubes.home_distance(
+        xyz[row], home, skeleton.parent, chains.onward, skeleton.position, skeleton.radius
+    )
+    row, home = row[gap > LEAF_DISTANCE], home[gap > LEAF_DISTANCE]
+    if row.size < MIN_CLUSTER_POINTS:
+        return []
+    count = np.bincount(home, minlength=skeleton.n_nodes)
+    target = max(row.size / max_clusters, MIN_CLUSTER_POINTS)
+    group = tubes.gather_groups(skeleton.parent, chains.onward, count, target)
+    of_point = group[home]
+    found = []
+    for g in np.unique(of_point):
+        member = of_point == g
+        if member.sum() >= MIN_CLUSTER_POINTS:
+            found.append(PointGroup(row[member], np.unique(home[member]).astype(np.int32)))
+    return found
+
+
+def make_clusters(xyz: np.ndarray, groups: list[PointGroup], max_faces: int) -> tuple[Cluster, ...]:
+    """Hulls of point groups as clusters; see :func:`recon.hulls.alpha_hull`."""
+    out = []
+    for group in groups:
+        hull = alpha_hull(xyz[group.row], max_faces=max_faces)
+        density = group.row.size / max(hull.volume, MIN_VOLUME)
+        out.append(Cluster(hull.vertices, hull.faces, group.seed, float(density), int(group.row.size)))
+    return tuple(out)
