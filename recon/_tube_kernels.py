@@ -579,7 +579,13 @@ def refine_tubes(
                 res = d - r
                 spread[j] += abs(res)
                 seen[j] += 1
-                cut = max(0.5 * r, 3.0 * residual[j], 0.004) if residual[j] > 0 else math.inf
+                cut = math.inf
+                if is_tube[j]:
+                    cut = max(0.5 * r, 0.004)
+                    if residual[j] > 0:
+                        cut = max(min(cut, 3.0 * residual[j]), 0.004)
+                elif residual[j] > 0:
+                    cut = max(0.5 * r, 3.0 * residual[j], 0.004)
                 w = res / cut
                 if abs(w) >= 1:
                     continue
@@ -630,7 +636,7 @@ def refine_tubes(
                 g[c] = b4[j, c]
                 for k in range(c):
                     m[c, k] = m[k, c]
-            pull_n = min(stiff, 0.5 * a4[j, 9])
+            pull_n = min(stiff, a4[j, 9])
             if foot >= 0 and high >= 0:
                 for c in range(3):
                     m[c, c] += pull_n
@@ -936,3 +942,92 @@ def gather_groups(parent, onward, count, target):
             if group[i] == 0:
                 group[i] = last
     return group
+
+
+@_jit
+def bridge_centres(head, onward, position, centre, accepted, tube, reach):
+    """Centres between two accepted circles of a chain go on the line between them.
+
+    Only where the two are no more than `reach` radii apart: across the foot of a branch the
+    mean of the points is pulled out of the trunk.
+    """
+    out = centre.copy()
+    n = onward.size
+    row = np.empty(n, np.int64)
+    along = np.empty(n)
+    for h in head:
+        m = 0
+        i = h
+        before = -1
+        while i >= 0:
+            row[m] = i
+            along[m] = 0.0 if m == 0 else along[m - 1] + _distance(position, i, before)
+            before = i
+            m += 1
+            i = onward[i]
+        last = -1
+        for k in range(m):
+            if not accepted[row[k]]:
+                continue
+            if last >= 0 and k - last > 1:
+                span = along[k] - along[last]
+                a = row[last]
+                b = row[k]
+                if 0 < span < reach * tube[a]:
+                    for j in range(last + 1, k):
+                        t = (along[j] - along[last]) / span
+                        for c in range(3):
+                            out[row[j], c] = centre[a, c] + t * (centre[b, c] - centre[a, c])
+            last = k
+    return out
+
+
+@_jit
+def forward_feet(parent, onward, head, position, radius, look, reach):
+    """Where each side chain best leaves its parent: the node of the parent's chain, near the
+    present one, from which the chain sets off most nearly in its own direction."""
+    out = parent.copy()
+    d = np.empty(3)
+    e = np.empty(3)
+    for h in head:
+        p = parent[h]
+        if p < 0:
+            continue
+        tip = h
+        gone = 0.0
+        while onward[tip] >= 0 and gone < look:
+            gone += _distance(position, tip, onward[tip])
+            tip = onward[tip]
+        if tip == h or gone <= 0:
+            continue
+        for c in range(3):
+            d[c] = position[tip, c] - position[h, c]
+        dn = math.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        if dn <= 0:
+            continue
+        best = p
+        best_cost = math.inf
+        for way in range(2):
+            i = p
+            moved = 0.0
+            while i >= 0 and moved <= reach * radius[p] + 0.02:
+                en = 0.0
+                dot = 0.0
+                for c in range(3):
+                    e[c] = position[h, c] - position[i, c]
+                    en += e[c] ** 2
+                    dot += e[c] * d[c]
+                en = math.sqrt(en)
+                if en > 0:
+                    angle = math.acos(min(max(dot / (en * dn), -1.0), 1.0))
+                    cost = angle + 0.3 * moved / max(radius[p], 0.005) / max(reach, 1.0)
+                    if cost < best_cost - 1e-9:
+                        best_cost = cost
+                        best = i
+                step = _step_back(i, parent, onward) if way == 0 else onward[i]
+                if step < 0 or step == h:
+                    break
+                moved += _distance(position, i, step)
+                i = step
+        out[h] = best
+    return out

@@ -23,6 +23,9 @@ F_S_STEP = 0.5  # metres of path for one power of f_s
 NOISE = 0.004  # points are no nearer to the surface of a branch than this, metres
 LEAF_DISTANCE = 0.03  # points that belong to no branch are leaves if farther from all wood, metres
 MIN_CLUSTER_POINTS = 12
+MIN_CLUSTER_SHARE = 0.002  # of all leaf points; smaller pieces are strays
+REACH_SPACINGS = 3.0  # leaves farther apart, in point spacings, are not of one cluster ...
+REACH = 0.15  # ... nor farther than this, metres, where points are dense
 MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
 
 
@@ -113,14 +116,47 @@ def cluster_points(xyz: np.ndarray, skeleton: Skeleton, max_clusters: int) -> li
         return []
     count = np.bincount(home, minlength=skeleton.n_nodes)
     target = max(row.size / max_clusters, MIN_CLUSTER_POINTS)
-    group = tubes.gather_groups(skeleton.parent, chains.onward, count, target)
-    of_point = group[home]
+    group = tubes.gather_groups(skeleton.parent, chains.onward, count, target)[home]
+    fewest = max(MIN_CLUSTER_POINTS, MIN_CLUSTER_SHARE * row.size)
+    reach = max(REACH_SPACINGS * skeleton.spacing, REACH)
     found = []
-    for g in np.unique(of_point):
-        member = of_point == g
-        if member.sum() >= MIN_CLUSTER_POINTS:
-            found.append(PointGroup(row[member], np.unique(home[member]).astype(np.int32)))
+    for g in np.unique(group):
+        member = np.flatnonzero(group == g)
+        piece = separate(xyz[row[member]], reach)
+        for k in np.flatnonzero(np.bincount(piece) >= fewest):
+            mine = member[piece == k]
+            found.append(PointGroup(row[mine], np.unique(home[mine]).astype(np.int32)))
     return found
+
+
+def separate(xyz: np.ndarray, reach: float) -> np.ndarray:
+    """Pieces of a set of points with gaps of about `reach` or more between them.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+    reach : float
+        Metres, > 0.
+
+    Returns
+    -------
+    (n,) int
+        Piece of each point: points in the same cell of a grid of `reach` / 2 are in one piece, and
+        cells whose middles (of points) are nearer than `reach`.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    cell = np.floor((xyz - xyz.min(axis=0)) / (reach / 2)).astype(np.int64)
+    size = cell.max(axis=0) + 1
+    code = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    _, cell_of = np.unique(code, return_inverse=True)
+    count = np.bincount(cell_of)
+    middle = np.stack([np.bincount(cell_of, xyz[:, c]) for c in range(3)], axis=1) / count[:, None]
+    pair = cKDTree(middle).query_pairs(reach, output_type="ndarray")
+    joined = coo_matrix((np.ones(len(pair)), (pair[:, 0], pair[:, 1])), (count.size, count.size))
+    return connected_components(joined, directed=False)[1][cell_of]
 
 
 def make_clusters(xyz: np.ndarray, groups: list[PointGroup], max_faces: int) -> tuple[Cluster, ...]:

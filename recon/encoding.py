@@ -21,7 +21,7 @@ from recon.preparing import Prepared, PrepareSettings, prepare
 from recon.radii import final_radii
 from recon.skeleton import Skeleton, base_points, merge_nodes, slice_tree
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
-from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish
+from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish, reattach
 from treegraph.allometry import DEFAULT_ALLOMETRY, Allometry, find_allometry
 from treegraph.clustertree import ClusterTree
 from treegraph.errors import InputError
@@ -269,7 +269,7 @@ def build_skeleton(xyz: np.ndarray, base: np.ndarray, *, beta: float, n_neighbou
     tube, _, _, _ = fit_circles(xyz, skeleton)
     skeleton = fit_tubes(xyz, coarsen(skeleton, tube))
     skeleton = drop_spurs(xyz, drop_unsupported(skeleton))
-    return fit_tubes(xyz, skeleton)
+    return reattach(fit_tubes(xyz, skeleton))
 
 
 def _split_off_leaves(

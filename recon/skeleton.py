@@ -235,6 +235,23 @@ def merge_nodes(skeleton: Skeleton, into: np.ndarray, *, lose: bool = False) -> 
     )
 
 
+def reorder(skeleton: Skeleton, order: np.ndarray) -> Skeleton:
+    """The skeleton with its nodes in another order, in which parents come first again."""
+    rank = np.empty(order.size, np.int64)
+    rank[order] = np.arange(order.size)
+    parent = skeleton.parent[order]
+    return replace(
+        skeleton,
+        parent=np.where(parent >= 0, rank[parent], -1).astype(np.int32),
+        position=skeleton.position[order],
+        radius=skeleton.radius[order],
+        label=np.where(skeleton.label >= 0, rank[skeleton.label], -1).astype(np.int32),
+        home=rank[skeleton.home].astype(np.int32),
+        is_tube=skeleton.is_tube[order],
+        arc=skeleton.arc[order],
+    )
+
+
 def keep_nodes(skeleton: Skeleton, kept: np.ndarray) -> Skeleton:
     """The skeleton with only some nodes; the others' points go to the next kept one outwards.
 

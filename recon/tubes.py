@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from recon.skeleton import Skeleton, chains_of, merge_nodes
+from recon.skeleton import Skeleton, chains_of, merge_nodes, reorder
 
 COARSE = 0.7  # distance of the nodes on a tube, in radii
 AXIS_SLICES = 2.0  # direction of the axis: this many slices either way ...
@@ -29,10 +29,14 @@ MEDIAN_WINDOW = 4  # circles are compared with the median of so many on either s
 MEDIAN_TOLERANCE = 0.3
 CHILD_SHARE = 1.0  # a side chain is at most this much as thick as its parent
 TUBE_SLACK = 0.2  # a slice this far outside a tube, in radii, still belongs to it
+BRIDGE_REACH = 10.0  # centres between two circles no farther apart are put in line, in radii
 REFINE_ROUNDS = 8
 POLISH_ROUNDS = 4
-STIFFNESS = 2.0  # pull of a chain towards straightness, in points
+FOOT_LOOK = 0.10  # the direction of a side chain is that of its first piece of this length, metres
+FOOT_REACH = 3.0  # its foot may move so far along the parent, in radii of it
+STIFFNESS = 4.0  # pull of a chain towards straightness, in points
 RADIUS_STIFFNESS = 6.0
+POLISH_STIFFNESS = 0.3
 POLISH_RADIUS_STIFFNESS = 1.0
 HOLD = 1.0  # pull of a node towards where it began, in points
 
@@ -76,6 +80,9 @@ def fit_circles(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
         chains.head, skeleton.parent, chains.onward, radius, accepted, weight, CHILD_SHARE
     )
     centre = np.where(accepted[:, None], centre, skeleton.position)
+    centre = tubes.bridge_centres(
+        chains.head, chains.onward, skeleton.position, centre, accepted, tube, BRIDGE_REACH
+    )
     return tube, centre, np.where(accepted, arc, 0.0), extent
 
 
@@ -133,6 +140,24 @@ def fit_tubes(xyz: np.ndarray, skeleton: Skeleton) -> Skeleton:
     return replace(skeleton, position=position, radius=radius, is_tube=is_tube, arc=arc)
 
 
+def reattach(skeleton: Skeleton) -> Skeleton:
+    """Let side chains leave their parent where they set off in their own direction."""
+    from recon import _tube_kernels as tubes
+    from treegraph import sort_topological
+
+    chains = chains_of(skeleton)
+    parent = tubes.forward_feet(
+        skeleton.parent,
+        chains.onward,
+        chains.head,
+        skeleton.position,
+        skeleton.radius,
+        FOOT_LOOK,
+        FOOT_REACH,
+    )
+    return reorder(replace(skeleton, parent=parent), sort_topological(parent))
+
+
 def polish(xyz: np.ndarray, skeleton: Skeleton, rounds: int = POLISH_ROUNDS) -> Skeleton:
     """Fit the frusta of a simplified skeleton to the points once more."""
     from recon import _tube_kernels as tubes
@@ -150,7 +175,7 @@ def polish(xyz: np.ndarray, skeleton: Skeleton, rounds: int = POLISH_ROUNDS) -> 
         skeleton.position,
         HOLD,
         rounds,
-        0.0,
+        POLISH_STIFFNESS,
         POLISH_RADIUS_STIFFNESS,
     )
     return replace(skeleton, position=position, radius=radius)
