@@ -8,6 +8,7 @@ from numba import njit
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 ARC_BINS = 24
+INSIDE = 0.5  # of a circle's radius
 SCALE_OF_MAD = 1.4826  # median absolute deviation of a normal distribution to its sigma
 
 
@@ -270,7 +271,8 @@ def arc_covered(x, y, cx, cy, weight):
 def circle_fits(xyz, point_start, point, position, parent, onward, axis, max_points):
     """A circle around the axis at every node, from its points and those of its chain neighbours.
 
-    Returns per node: centre (n, 3), radius, residual scale, arc covered, points used; a
+    Returns per node: centre (n, 3), radius, residual scale, arc covered, points used, and the
+    share of points nearer to the centre than INSIDE radii (a trunk is empty there); a
     radius of nan where there were fewer than 6 points or they had no curvature.
     """
     n = parent.size
@@ -279,6 +281,7 @@ def circle_fits(xyz, point_start, point, position, parent, onward, axis, max_poi
     scale = np.full(n, np.nan)
     arc = np.zeros(n)
     used = np.zeros(n, np.int32)
+    inside = np.zeros(n)
     near = np.empty(3, np.int64)
     for i in range(n):
         near[0] = i
@@ -319,9 +322,12 @@ def circle_fits(xyz, point_start, point, position, parent, onward, axis, max_poi
         radius[i] = r
         scale[i] = s
         arc[i] = arc_covered(x[:m], y[:m], cx, cy, weight)
+        for k in range(m):
+            if (x[k] - cx) ** 2 + (y[k] - cy) ** 2 < (INSIDE * r) ** 2:
+                inside[i] += 1.0 / m
         for c in range(3):
             centre[i, c] = position[i, c] + cx * u[c] + cy * v[c]
-    return centre, radius, scale, arc, used
+    return centre, radius, scale, arc, used, inside
 
 
 @_jit

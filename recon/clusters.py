@@ -87,45 +87,67 @@ def leafy_nodes(xyz: np.ndarray, skeleton: Skeleton, f_s: float) -> np.ndarray:
     )
 
 
-def cluster_points(xyz: np.ndarray, skeleton: Skeleton, max_clusters: int) -> list[PointGroup]:
-    """Group the points that belong to no branch by the boughs they hang on.
+def bough_groups(skeleton: Skeleton, leafy: np.ndarray, max_clusters: int) -> np.ndarray:
+    """Group of every point that may be a leaf: the bough that it hangs on.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        The whole one, before its leafy nodes go.
+    leafy : (n_nodes,) bool
+        From :func:`leafy_nodes`.
+    max_clusters : int
+        About how many groups to make.
+
+    Returns
+    -------
+    (m,) int64
+        A number for each point; it says nothing for points of wood.
+    """
+    from recon import _tube_kernels as tubes
+
+    chains = chains_of(skeleton)
+    is_leaf = leafy[skeleton.home] | (skeleton.label < 0)
+    count = np.bincount(skeleton.home[is_leaf], minlength=skeleton.n_nodes)
+    target = max(is_leaf.sum() / max_clusters, MIN_CLUSTER_POINTS)
+    return tubes.gather_groups(skeleton.parent, chains.onward, count, target)[skeleton.home].astype(np.int64)
+
+
+def cluster_points(xyz: np.ndarray, skeleton: Skeleton, group: np.ndarray) -> list[PointGroup]:
+    """The points that belong to no branch, by their groups and the gaps within them.
 
     Parameters
     ----------
     xyz : (n, 3) float64
     skeleton : Skeleton
         Main branches only; `label` -1 marks the points that belong to none of them.
-    max_clusters : int
-        About how many groups to make.
+    group : (n,) int64
+        From :func:`bough_groups`.
 
     Returns
     -------
     list of PointGroup
-        Each with at least `MIN_CLUSTER_POINTS` points, in the order of the skeleton.
+        Each with at least `MIN_CLUSTER_POINTS` points.
     """
     from recon import _tube_kernels as tubes
 
     chains = chains_of(skeleton)
     row = np.flatnonzero(skeleton.label < 0)
-    home = skeleton.home[row]
     gap = tubes.home_distance(
-        xyz[row], home, skeleton.parent, chains.onward, skeleton.position, skeleton.radius
+        xyz[row], skeleton.home[row], skeleton.parent, chains.onward, skeleton.position, skeleton.radius
     )
-    row, home = row[gap > LEAF_DISTANCE], home[gap > LEAF_DISTANCE]
+    row = row[gap > LEAF_DISTANCE]
     if row.size < MIN_CLUSTER_POINTS:
         return []
-    count = np.bincount(home, minlength=skeleton.n_nodes)
-    target = max(row.size / max_clusters, MIN_CLUSTER_POINTS)
-    group = tubes.gather_groups(skeleton.parent, chains.onward, count, target)[home]
     fewest = max(MIN_CLUSTER_POINTS, MIN_CLUSTER_SHARE * row.size)
     reach = max(REACH_SPACINGS * skeleton.spacing, REACH)
     found = []
-    for g in np.unique(group):
-        member = np.flatnonzero(group == g)
-        piece = separate(xyz[row[member]], reach)
+    for g in np.unique(group[row]):
+        member = row[group[row] == g]
+        piece = separate(xyz[member], reach)
         for k in np.flatnonzero(np.bincount(piece) >= fewest):
             mine = member[piece == k]
-            found.append(PointGroup(row[mine], np.unique(home[mine]).astype(np.int32)))
+            found.append(PointGroup(mine, np.unique(skeleton.home[mine]).astype(np.int32)))
     return found
 
 

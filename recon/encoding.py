@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.clusters import cluster_points, leafy_nodes, make_clusters
+from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters
 from recon.dbh import BreastHeight, breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
@@ -189,7 +189,7 @@ def encode_with_report(
     with clock("skeleton"):
         skeleton = build_skeleton(xyz, np.zeros(3), beta=beta, n_neighbours=settings.n_neighbours)
     with clock("clusters"):
-        skeleton, f_s = _split_off_leaves(xyz, skeleton, gamma, settings.f_s, allometry.f_s)
+        skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
     with clock("radii"):
         skeleton = polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
@@ -198,8 +198,7 @@ def encode_with_report(
     with clock("hulls"):
         clusters = ()
         if f_s < LEAFLESS_F_S:
-            groups = cluster_points(xyz, skeleton, settings.max_clusters)
-            clusters = make_clusters(xyz, groups, settings.max_faces)
+            clusters = make_clusters(xyz, cluster_points(xyz, skeleton, group), settings.max_faces)
     graph = TreeGraph(
         skeleton.parent,
         skeleton.position,
@@ -273,18 +272,20 @@ def build_skeleton(xyz: np.ndarray, base: np.ndarray, *, beta: float, n_neighbou
 
 
 def _split_off_leaves(
-    xyz: np.ndarray, skeleton: Skeleton, gamma: float, f_s: float | None, species_f_s: float
-) -> tuple[Skeleton, float]:
-    """The main branches only, where the tree has leaves; and the f_s used."""
-    factor = species_f_s if f_s is None else f_s
+    xyz: np.ndarray, skeleton: Skeleton, gamma: float, settings: EncodeSettings, species_f_s: float
+) -> tuple[Skeleton, float, np.ndarray]:
+    """The main branches only, where the tree has leaves; the f_s used; the bough of each point."""
+    no_group = np.zeros(0, np.int64)
+    factor = species_f_s if settings.f_s is None else settings.f_s
     if factor >= LEAFLESS_F_S:
-        return skeleton, LEAFLESS_F_S
+        return skeleton, LEAFLESS_F_S, no_group
     radius, _ = final_radii(skeleton, gamma)
-    with_radii = replace(skeleton, radius=radius)
-    low = leafy_nodes(xyz, with_radii, factor)
-    lost = low[skeleton.home] & (skeleton.label >= 0)
-    if f_s is None and lost.mean() < LEAFLESS_SHARE:
-        return skeleton, LEAFLESS_F_S
+    skeleton = replace(skeleton, radius=radius)
+    low = leafy_nodes(xyz, skeleton, factor)
+    is_leaf = low[skeleton.home] & (skeleton.label >= 0)
+    if settings.f_s is None and is_leaf.mean() < LEAFLESS_SHARE:
+        return skeleton, LEAFLESS_F_S, no_group
+    group = bough_groups(skeleton, low, settings.max_clusters)
     into = np.arange(skeleton.n_nodes)
     into[low] = skeleton.parent[low]
-    return merge_nodes(with_radii, into, lose=True), factor
+    return merge_nodes(skeleton, into, lose=True), factor, group

@@ -24,6 +24,7 @@ AXIS_EXTENTS = 1.5  # ... or this many radii
 CIRCLE_POINTS = 400  # a circle looks at no more points than this
 MIN_CIRCLE_POINTS = 12
 MIN_CIRCLE_ARC = 0.4  # share of the round in which a circle must have points
+MAX_CIRCLE_INSIDE = 0.08  # share of the points nearer to its centre than half its radius
 MAX_CIRCLE_SCATTER = 0.25  # scale of its residuals, in radii
 MEDIAN_WINDOW = 4  # circles are compared with the median of so many on either side
 MEDIAN_TOLERANCE = 0.3
@@ -65,12 +66,15 @@ def fit_circles(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
     )
     axis = tubes.axis_directions(skeleton.position, skeleton.parent, chains.onward, reach)
     extent = tubes.mean_axis_distance(*groups, axis)
-    centre, radius, scatter, arc, used = tubes.circle_fits(
+    centre, radius, scatter, arc, used, inside = tubes.circle_fits(
         *groups, skeleton.parent, chains.onward, axis, CIRCLE_POINTS
     )
     with np.errstate(invalid="ignore"):
         accepted = (
-            (used >= MIN_CIRCLE_POINTS) & (arc >= MIN_CIRCLE_ARC) & (scatter < MAX_CIRCLE_SCATTER * radius)
+            (inside <= MAX_CIRCLE_INSIDE)
+            & (used >= MIN_CIRCLE_POINTS)
+            & (arc >= MIN_CIRCLE_ARC)
+            & (scatter < MAX_CIRCLE_SCATTER * radius)
         )
     accepted = tubes.believable_circles(
         chains.head, chains.onward, radius, accepted, MEDIAN_WINDOW, MEDIAN_TOLERANCE
