@@ -82,7 +82,7 @@ def fit_camera(
     Returns
     -------
     camera : Camera
-        The points touch the margins in at least one direction, and are in the middle in the other.
+        The points touch the margins in at least one direction, and are about in the middle in the other.
 
     Notes
     -----

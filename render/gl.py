@@ -30,6 +30,8 @@ __all__ = ["GLRenderer", "GLStatus", "find_gl"]
 PLATFORMS = ("egl", "osmesa")
 START_TIMEOUT = 60.0  # seconds: importing from a cold disk is slow, a hanging driver is endless
 DRAW_TIMEOUT = 120.0
+END_TIMEOUT = 5.0
+WORKER = Path(__file__).with_name("_gl_worker.py")
 LONGEST_REASON = 160  # characters
 
 
@@ -57,11 +59,12 @@ class _Child:
 
     def __init__(self, platform: str) -> None:
         self.platform = platform
+        self.owner = os.getpid()
+        self._busy = threading.Lock()
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - read when the child has failed, closed in close()
-        worker = Path(__file__).with_name("_gl_worker.py")
         try:
             self._process = subprocess.Popen(
-                [sys.executable, str(worker)],
+                [sys.executable, str(WORKER)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._log,
@@ -80,18 +83,22 @@ class _Child:
 
     def ask(self, request: dict[str, Any]) -> Any:
         """Send a request and wait for the answer."""
-        try:
-            pickle.dump(request, self._input, protocol=5)
-            self._input.flush()
-        except OSError as error:
-            raise NoPreviewError(self._why()) from error
-        return self._receive(DRAW_TIMEOUT)
+        with self._busy:
+            try:
+                pickle.dump(request, self._input, protocol=5)
+                self._input.flush()
+            except OSError as error:
+                raise NoPreviewError(self._why()) from error
+            return self._receive(DRAW_TIMEOUT)
 
     def alive(self) -> bool:
-        return self._process.poll() is None
+        """Whether it can be asked: it runs, and this process, not one that it forked from, started it."""
+        return self.owner == os.getpid() and self._process.poll() is None
 
     def close(self) -> None:
-        """End the child."""
+        """End the child, if it is this process's own."""
+        if self.owner != os.getpid():
+            return
         if self.alive():
             self._process.kill()
         self._process.wait()
@@ -111,7 +118,11 @@ class _Child:
 
     def _why(self) -> str:
         """One line on why the child ended: the last that it said."""
-        code = self._process.wait()
+        try:
+            code = self._process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:  # it goes on, but what it says makes no sense
+            self._process.kill()
+            code = self._process.wait()
         self._log.seek(0)
         lines = [line for line in self._log.read().decode(errors="replace").splitlines() if line.strip()]
         said = lines[-1].strip()[:LONGEST_REASON] if lines else f"ended with status {code}"
