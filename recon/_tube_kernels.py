@@ -8,6 +8,7 @@ from numba import njit
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 ARC_BINS = 24
+HOPELESS = 0.5  # a circle whose residuals are this large, in radii, is not refined
 INSIDE = 0.5  # of a circle's radius
 SCALE_OF_MAD = 1.4826  # median absolute deviation of a normal distribution to its sigma
 
@@ -213,7 +214,7 @@ def refine_circle(x, y, cx, cy, r, weight, rounds):
         for i in range(n):
             t = residual[i] / cut
             weight[i] = (1 - t * t) ** 2 if abs(t) < 1 else 0.0
-        if step == rounds:
+        if step == rounds or scale > HOPELESS * r:
             break
         a = np.zeros((3, 3))
         b = np.zeros(3)
@@ -268,12 +269,12 @@ def arc_covered(x, y, cx, cy, weight):
 
 
 @_jit
-def circle_fits(xyz, point_start, point, position, parent, onward, axis, max_points):
+def circle_fits(xyz, point_start, point, position, parent, onward, axis, fewest, max_points):
     """A circle around the axis at every node, from its points and those of its chain neighbours.
 
     Returns per node: centre (n, 3), radius, residual scale, arc covered, points used, and the
     share of points nearer to the centre than INSIDE radii (a trunk is empty there); a
-    radius of nan where there were fewer than 6 points or they had no curvature.
+    radius of nan where there were fewer than `fewest` points or they had no curvature.
     """
     n = parent.size
     centre = position.copy()
@@ -292,7 +293,7 @@ def circle_fits(xyz, point_start, point, position, parent, onward, axis, max_poi
             if near[k] >= 0:
                 count += point_start[near[k] + 1] - point_start[near[k]]
         used[i] = count
-        if count < 6:
+        if count < fewest:
             continue
         stride = max(1, (count + max_points - 1) // max_points)
         size = (count + stride - 1) // stride

@@ -26,6 +26,7 @@ MIN_CLUSTER_POINTS = 12
 MIN_CLUSTER_SHARE = 0.002  # of all leaf points; smaller pieces are strays
 REACH_SPACINGS = 3.0  # leaves farther apart, in point spacings, are not of one cluster ...
 REACH = 0.15  # ... nor farther than this, metres, where points are dense
+HULL_POINTS = 300  # that a hull is made from
 MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
 
 
@@ -185,7 +186,7 @@ def make_clusters(xyz: np.ndarray, groups: list[PointGroup], max_faces: int) -> 
     """Hulls of point groups as clusters; see :func:`recon.hulls.alpha_hull`."""
     out = []
     for group in groups:
-        hull = alpha_hull(xyz[group.row], max_faces=max_faces)
+        hull = alpha_hull(xyz[group.row], max_points=HULL_POINTS, max_faces=max_faces)
         density = group.row.size / max(hull.volume, MIN_VOLUME)
         out.append(Cluster(hull.vertices, hull.faces, group.seed, float(density), int(group.row.size)))
     return tuple(out)

@@ -66,7 +66,7 @@ class EncodeSettings:
     n_neighbours: int = 10
     max_points: int = 250_000
     max_nodes: int = 4000
-    max_clusters: int = 48
+    max_clusters: int = 40
     max_faces: int = 80
     prepare: PrepareSettings = field(default_factory=PrepareSettings)
 

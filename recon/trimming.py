@@ -21,7 +21,7 @@ GAP_POINTS = 0.8  # points that excuse a gap, for each point spacing of it
 
 # Each round over the budget relaxes what follows a little more.
 TINY = 1e-9
-MAX_ROUNDS = 40
+MAX_ROUNDS = 50
 TOLERANCE = 0.003  # of the axis of twigs with a median number of points a metre, metres
 TOLERANCE_RANGE = (0.001, 0.03)
 DENSITY_RANGE = (0.4, 4.0)  # denser chains get less of it and sparser ones more, within this
@@ -29,7 +29,7 @@ TUBE_TOLERANCE = 0.12  # of the axis of a tube, in radii ...
 TUBE_SPACINGS = 0.1  # ... or point spacings
 RADIUS_TOLERANCE = 0.1  # in radii
 SMALLEST_RADIUS_TOLERANCE = 0.0015  # metres
-RELAX_TOLERANCE, RELAX_TUBE, RELAX_RADIUS, RELAX_FEW = 1.15, 1.12, 1.08, 1.15
+RELAX_TOLERANCE, RELAX_TUBE, RELAX_RADIUS, RELAX_FEW = 1.12, 1.10, 1.06, 1.12
 FEW_OVER_BUDGET = 0.5
 FAR_OVER_BUDGET = 0.045  # metres
 APART_OVER_BUDGET = 0.015  # metres between the nodes of a twig

@@ -21,7 +21,7 @@ from recon.skeleton import Skeleton, chains_of, merge_nodes, reorder
 COARSE = 0.7  # distance of the nodes on a tube, in radii
 AXIS_SLICES = 2.0  # direction of the axis: this many slices either way ...
 AXIS_EXTENTS = 1.5  # ... or this many radii
-CIRCLE_POINTS = 400  # a circle looks at no more points than this
+CIRCLE_POINTS = 150  # a circle looks at no more points than this
 MIN_CIRCLE_POINTS = 12
 MIN_CIRCLE_ARC = 0.4  # share of the round in which a circle must have points
 MAX_CIRCLE_INSIDE = 0.08  # share of the points nearer to its centre than half its radius
@@ -31,7 +31,7 @@ MEDIAN_TOLERANCE = 0.3
 CHILD_SHARE = 1.0  # a side chain is at most this much as thick as its parent
 TUBE_SLACK = 0.2  # a slice this far outside a tube, in radii, still belongs to it
 BRIDGE_REACH = 10.0  # centres between two circles no farther apart are put in line, in radii
-REFINE_ROUNDS = 8
+REFINE_ROUNDS = 6
 POLISH_ROUNDS = 4
 FOOT_LOOK = 0.10  # the direction of a side chain is that of its first piece of this length, metres
 FOOT_REACH = 3.0  # its foot may move so far along the parent, in radii of it
@@ -67,7 +67,7 @@ def fit_circles(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
     axis = tubes.axis_directions(skeleton.position, skeleton.parent, chains.onward, reach)
     extent = tubes.mean_axis_distance(*groups, axis)
     centre, radius, scatter, arc, used, inside = tubes.circle_fits(
-        *groups, skeleton.parent, chains.onward, axis, CIRCLE_POINTS
+        *groups, skeleton.parent, chains.onward, axis, MIN_CIRCLE_POINTS, CIRCLE_POINTS
     )
     with np.errstate(invalid="ignore"):
         accepted = (
