@@ -22,6 +22,7 @@ __all__ = [
     "cylinder_table",
     "cylinder_volume",
     "format_cylinders",
+    "move_cylinders",
 ]
 
 #: Columns of the table, in the order in which they are written.
@@ -87,16 +88,24 @@ def cylinder_table(graph: TreeGraph, origin: ArrayLike = (0.0, 0.0, 0.0)) -> NDA
     table = np.zeros(int(kept.sum()), CYLINDER_DTYPE)
     table["id"] = np.arange(table.size)
     table["parent"] = _kept_ancestor(parent, kept)[kept]
-    shift = np.asarray(origin, np.float64)
     for axis, name in enumerate("xyz"):
-        table[f"{name}0"] = (start[kept] + shift)[:, axis]
-        table[f"{name}1"] = (graph.position[kept] + shift)[:, axis]
+        table[f"{name}0"] = start[kept, axis]
+        table[f"{name}1"] = graph.position[kept, axis]
     table["r0"] = start_radius[kept]
     table["r1"] = graph.radius[kept]
     table["order"] = np.asarray(treegraph.gravelius_order(graph))[kept]
     if "measured" in graph.attribute:
         table["measured"] = graph.attribute["measured"][kept]
-    return table
+    return move_cylinders(table, origin)
+
+
+def move_cylinders(table: NDArray[np.void], offset: ArrayLike) -> NDArray[np.void]:
+    """Return a copy of a :func:`cylinder_table` with (3,) metres added to every end point."""
+    moved = table.copy()
+    for axis, shift in zip("xyz", np.asarray(offset, np.float64), strict=True):
+        moved[f"{axis}0"] += shift
+        moved[f"{axis}1"] += shift
+    return moved
 
 
 def _trim(graph, chain_start, chain_node, start, start_radius, kept):

@@ -39,8 +39,8 @@ class Measures:
     crown_width_m : float or None
         Mean horizontal extent of the crown's points over all directions, metres.
     crown_base_m : float or None
-        Height above the foot of the trunk at which the lowest branch of the crown leaves it, metres. A branch counts if it
-        carries at least 2 % of the wood's length.
+        Height above the foot of the trunk at which the lowest branch of the crown leaves it, metres.
+        A branch counts if it carries at least 2 % of the wood's length.
     wood_volume_m3 : float
         Volume of the cylinders, cubic metres.
     total_length_m : float
@@ -107,8 +107,8 @@ def measure(
 def crown_base(graph: TreeGraph) -> float | None:
     """Height at which the lowest branch of the crown leaves the trunk, metres; None if there is none.
 
-    A branch is a side axis of order 1 that carries at least :data:`CROWN_BRANCH_SHARE` of the length of all wood
-    (its own first segment included).
+    A branch is a side axis of order 1 that carries at least :data:`CROWN_BRANCH_SHARE` of the length of
+    all wood (its own first segment included).
     """
     import treegraph
 

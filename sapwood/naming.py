@@ -44,7 +44,8 @@ def _expand(argument: str) -> list[Path]:
         scans = sorted(p for p in path.iterdir() if p.suffix.lower() in SCAN_SUFFIXES and p.is_file())
         if not scans:
             raise InputError(
-                f"{argument}: no scan in this folder; looked for {' '.join(SCAN_SUFFIXES)} (sub-folders are not searched)."
+                f"{argument}: no scan in this folder; looked for {' '.join(SCAN_SUFFIXES)}, "
+                "not in sub-folders."
             )
         return scans
     if not path.exists() and any(character in argument for character in _GLOB_CHARACTERS):
@@ -59,9 +60,9 @@ def name_scans(scans: Iterable[Path]) -> list[str]:
     """Give each scan the name of its outputs: the file's name without suffix, made unique.
 
     Scans that would share a name get as many of their folders in front as it takes to tell them
-    apart (``north/tree.laz`` and ``south/tree.laz`` become ``north-tree`` and ``south-tree``); those of one
-    folder get their suffix behind (``tree-laz``, ``tree-ply``). Upper and lower case count as the same letter,
-    as they do on some file systems.
+    apart (``north/tree.laz`` and ``south/tree.laz`` become ``north-tree`` and ``south-tree``); those of
+    one folder get their suffix behind (``tree-laz``, ``tree-ply``). Upper and lower case count as the same
+    letter, as they do on some file systems.
 
     Examples
     --------

@@ -47,7 +47,7 @@ class Staging:
         shutil.rmtree(self.path, ignore_errors=True)
 
     def publish(self, names: Iterable[str]) -> list[Path]:
-        """Move finished files of the hidden folder to their place, replacing what is there; in the order given."""
+        """Move finished files to their place, replacing what is there; in the order given."""
         published = []
         for name in names:
             target = self.folder / name

@@ -57,9 +57,8 @@ def violations(package, source, path="example.py"):
     found = []
     for line, name in imported_names(ast.parse(source)):
         if name in FLOOR and name != package and FLOOR[name] >= FLOOR[package]:
-            found.append(
-                f"{path}:{line}: {package} (floor {FLOOR[package]}) must not import {name} (floor {FLOOR[name]})"
-            )
+            below = f"{package} (floor {FLOOR[package]}) must not import {name} (floor {FLOOR[name]})"
+            found.append(f"{path}:{line}: {below}")
     return found
 
 
