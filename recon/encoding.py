@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.cloud import Cloud
 from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters
 from recon.dbh import BreastHeight, breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
@@ -125,10 +126,19 @@ class EncodeReport:
 
 @dataclass(frozen=True, eq=False)
 class Encoding:
-    """A tree and how it came about."""
+    """A tree and how it came about.
+
+    Attributes
+    ----------
+    tree : ClusterTree
+    report : EncodeReport
+    cloud : Cloud
+        The tree's own points, all of them, in the tree's frame.
+    """
 
     tree: ClusterTree
     report: EncodeReport
+    cloud: Cloud
 
 
 class _Clock:
@@ -213,7 +223,7 @@ def encode_with_report(
     cloud = prepared.cloud
     tree = ClusterTree(graph, clusters, species, used, cloud.origin, cloud.epsg)
     report = _report(dbh, clock, prepared, xyz, f_s)
-    return Encoding(tree, report)
+    return Encoding(tree, report, cloud)
 
 
 def _report(
