@@ -759,8 +759,11 @@ def unsupported_tips(points_per_metre, parent, position, n_points, reach):
 def _believed(i, observed, n_points, r_ref, share, gamma, pipe_exponent, resolution, enough):
     """Radius of a node beyond the last circle: what its points show if that can be wood."""
     most = max(r_ref * share**pipe_exponent, resolution)
-    if n_points[i] >= enough and observed[i] <= most:
-        return observed[i], min(n_points[i], 400) * 1.0
+    m = n_points[i]
+    if m >= enough:
+        r = observed[i] * math.sqrt(m / (m - 1.0))  # the axis has been fitted to the same points
+        if r <= most:
+            return r, min(m, 400) * 1.0
     return r_ref * share**gamma, 1.0
 
 

@@ -30,6 +30,7 @@ from treegraph.graph import TreeGraph
 
 TRUSTED_SPACINGS = 4.0  # edges up to this many point spacings are kept unasked
 ABSORB_ROUNDS = 2
+DEFAULT_BETA = 2.5  # of trees of no known species: only gaps feel it, and short ones are best
 LEAFLESS_SHARE = 0.12  # with a smaller share of points in clusters a tree has no leaves
 LEAFLESS_F_S = 1.0
 
@@ -187,7 +188,7 @@ def encode_with_report(
 ) -> Encoding:
     """As :func:`encode`, with measures, times and remarks."""
     settings = settings or EncodeSettings()
-    allometry = find_allometry(species) if species else DEFAULT_ALLOMETRY
+    allometry = find_allometry(species) if species else replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
     beta = settings.beta or allometry.beta
     gamma = settings.gamma or allometry.gamma
     clock = _Clock()

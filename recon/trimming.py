@@ -17,21 +17,22 @@ SPUR_FAR = 0.03  # points farther than this outside the parent's tube count for 
 FEW_POINTS = 1.0  # and if it has no more of them it is no branch
 GAP_SPACINGS = 3.0  # a gap on a branch is longer than so many point spacings ...
 GAP_LENGTH = 0.10  # ... and than this, metres
-GAP_POINTS = 0.8  # points that excuse a gap, for each point spacing of it
+GAP_POINTS = 1.0  # points that excuse a gap, for each point spacing of it
 
 # Each round over the budget relaxes what follows a little more.
 TINY = 1e-9
+SPEND_STEPS = 5
 MAX_ROUNDS = 50
 TOLERANCE = 0.003  # of the axis of twigs with a median number of points a metre, metres
 TOLERANCE_RANGE = (0.001, 0.03)
 DENSITY_RANGE = (0.4, 4.0)  # denser chains get less of it and sparser ones more, within this
-TUBE_TOLERANCE = 0.12  # of the axis of a tube, in radii ...
+TUBE_TOLERANCE = 0.15  # of the axis of a tube, in radii ...
 TUBE_SPACINGS = 0.1  # ... or point spacings
-RADIUS_TOLERANCE = 0.1  # in radii
+RADIUS_TOLERANCE = 0.15  # in radii
 SMALLEST_RADIUS_TOLERANCE = 0.0015  # metres
 RELAX_TOLERANCE, RELAX_TUBE, RELAX_RADIUS, RELAX_FEW = 1.12, 1.10, 1.06, 1.12
 FEW_OVER_BUDGET = 0.5
-FAR_OVER_BUDGET = 0.045  # metres
+FAR_OVER_BUDGET = 0.055  # metres
 APART_OVER_BUDGET = 0.015  # metres between the nodes of a twig
 APART_RANGE = (0.4, 3.0)
 
@@ -105,6 +106,7 @@ def fit_budget(xyz: np.ndarray, skeleton: Skeleton, gamma: float, max_nodes: int
             reference = _weighted_median(density, skeleton.n_points)
         kept = _nodes_within_tolerance(skeleton, density / reference, k)
         if kept.size <= max_nodes:
+            kept = _spend_the_rest(skeleton, density / reference, k, kept, max_nodes)
             break
         skeleton = drop_spurs(xyz, skeleton, FEW_OVER_BUDGET * RELAX_FEW**k, FAR_OVER_BUDGET)
         sparse = np.clip(np.sqrt(reference / np.maximum(_points_per_metre(skeleton), TINY)), *APART_RANGE)
@@ -115,7 +117,22 @@ def fit_budget(xyz: np.ndarray, skeleton: Skeleton, gamma: float, max_nodes: int
     return keep_nodes(skeleton, kept)
 
 
-def _nodes_within_tolerance(skeleton: Skeleton, density: np.ndarray, k: int) -> np.ndarray:
+def _spend_the_rest(
+    skeleton: Skeleton, density: np.ndarray, k: int, kept: np.ndarray, max_nodes: int
+) -> np.ndarray:
+    """The tightest tolerance between those of rounds 0 and `k` that keeps to the budget."""
+    low, high = 0.0, float(k)
+    for _ in range(SPEND_STEPS if k else 0):
+        middle = 0.5 * (low + high)
+        more = _nodes_within_tolerance(skeleton, density, middle)
+        if more.size <= max_nodes:
+            kept, high = more, middle
+        else:
+            low = middle
+    return kept
+
+
+def _nodes_within_tolerance(skeleton: Skeleton, density: np.ndarray, k: float) -> np.ndarray:
     """Nodes that the simplification keeps in round `k`; `density` relative to the median."""
     from treegraph import TreeGraph, simplify_nodes
 

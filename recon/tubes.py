@@ -32,12 +32,12 @@ CHILD_SHARE = 1.0  # a side chain is at most this much as thick as its parent
 TUBE_SLACK = 0.2  # a slice this far outside a tube, in radii, still belongs to it
 BRIDGE_REACH = 10.0  # centres between two circles no farther apart are put in line, in radii
 REFINE_ROUNDS = 6
-POLISH_ROUNDS = 4
+POLISH_ROUNDS = 8
 FOOT_LOOK = 0.10  # the direction of a side chain is that of its first piece of this length, metres
 FOOT_REACH = 3.0  # its foot may move so far along the parent, in radii of it
-STIFFNESS = 4.0  # pull of a chain towards straightness, in points
+STIFFNESS = 6.0  # pull of a chain towards straightness, in points
 RADIUS_STIFFNESS = 6.0
-POLISH_STIFFNESS = 0.3
+POLISH_STIFFNESS = 0.1
 POLISH_RADIUS_STIFFNESS = 1.0
 HOLD = 1.0  # pull of a node towards where it began, in points
 
