@@ -12,8 +12,23 @@ _jit = njit(cache=True, error_model="numpy", nogil=True)  # 1/0 is inf, as in Nu
 NO_CHAIN = -1
 SAME_POINT = 1e-9  # metres: nodes closer than this are one control point
 CONTAINED = 0.95  # a side chain's first ring fills at most this part of its parent's inner circle
+FULL_TURN = 1e-6  # length of the sum of two unit vectors below which they are opposite
 LONGEST_GAP = 64  # rings: no more than these are left out in a row
 CONTROLS_PER_NODE = 3  # the node, and at most two points on the segment behind it
+
+
+@_jit
+def copy_row(source, i, target, j):
+    """Copy row i of an (n, 3) array to row j of another. Loops compile several times faster than slices."""
+    for d in range(3):
+        target[j, d] = source[i, d]
+
+
+@_jit
+def distance(a, i, b, j):
+    """Distance between row i of one (n, 3) array and row j of another."""
+    x, y, z = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], b[j, 2] - a[i, 2]
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @_jit
@@ -23,17 +38,14 @@ def polyline(nodes, position, radius, start_radius, axis, point, width, index):
     The first point lies on the parent's smoothed axis. ``index[i]`` is the point that the chain's
     i-th node became.
     """
-    point[0] = axis[nodes[0]]
+    copy_row(axis, nodes[0], point, 0)
     width[0] = start_radius
     index[0] = 0
     n = 1
     for i in range(1, nodes.size):
         node = nodes[i]
-        dx = position[node, 0] - point[n - 1, 0]
-        dy = position[node, 1] - point[n - 1, 1]
-        dz = position[node, 2] - point[n - 1, 2]
-        if np.sqrt(dx * dx + dy * dy + dz * dz) > SAME_POINT:
-            point[n] = position[node]
+        if distance(point, n - 1, position, node) > SAME_POINT:
+            copy_row(position, node, point, n)
             width[n] = radius[node]
             n += 1
         index[i] = n - 1
@@ -51,11 +63,14 @@ def corner_reach(point, width, n, tolerance, tolerance_radii, reach):
     reach[0] = np.inf
     reach[n - 1] = np.inf
     for i in range(1, n - 1):
-        before = point[i] - point[i - 1]
-        after = point[i + 1] - point[i]
-        bend = after / np.sqrt((after * after).sum()) - before / np.sqrt((before * before).sum())
+        before = distance(point, i - 1, point, i)
+        after = distance(point, i, point, i + 1)
+        bend = 0.0
+        for d in range(3):
+            turn = (point[i + 1, d] - point[i, d]) / after - (point[i, d] - point[i - 1, d]) / before
+            bend += turn * turn
         allowed = min(tolerance, tolerance_radii * width[i])
-        reach[i] = 6.0 * allowed / np.sqrt((bend * bend).sum())  # inf on a straight line
+        reach[i] = 6.0 * allowed / np.sqrt(bend) if bend > 0.0 else np.inf
 
 
 @_jit
@@ -80,21 +95,21 @@ def place_controls(point, width, n, reach, control, control_width, segment, cont
     ``segment[k]`` is the point that ends the segment on which control point k lies (1 at the first).
     """
     cut = np.empty(2)
-    control[0] = point[0]
+    copy_row(point, 0, control, 0)
     control_width[0] = width[0]
     segment[0] = 1
     control_of_point[0] = 0
     fill = 1
     for i in range(n - 1):
-        step = point[i + 1] - point[i]
-        length = np.sqrt((step * step).sum())
+        length = distance(point, i, point, i + 1)
         for k in range(segment_cuts(length, reach[i], reach[i + 1], cut)):
             t = cut[k] / length
-            control[fill] = point[i] + t * step
+            for d in range(3):
+                control[fill, d] = point[i, d] + t * (point[i + 1, d] - point[i, d])
             control_width[fill] = (1.0 - t) * width[i] + t * width[i + 1]
             segment[fill] = i + 1
             fill += 1
-        control[fill] = point[i + 1]
+        copy_row(point, i + 1, control, fill)
         control_width[fill] = width[i + 1]
         segment[fill] = i + 1
         control_of_point[i + 1] = fill
@@ -157,10 +172,11 @@ def build_controls(
             for k in range(count):
                 control_node[fill + k] = last_of_point[segment[k]]
         for i in range(1, nodes.size):
-            axis[nodes[i]] = point[index[i]]
-            k = control_of_point[index[i]]
+            copy_row(point, index[i], axis, nodes[i])
             if 0 < index[i] < n - 1:
-                axis[nodes[i]] = (out[k - 1] + 4.0 * out[k] + out[k + 1]) / 6.0
+                k = control_of_point[index[i]]
+                for d in range(3):
+                    axis[nodes[i], d] = (out[k - 1, d] + 4.0 * out[k, d] + out[k + 1, d]) / 6.0
                 axis_radius[nodes[i]] = (out_width[k - 1] + 4.0 * out_width[k] + out_width[k + 1]) / 6.0
         fill += count
         control_start[c + 1] = fill
@@ -179,20 +195,30 @@ def blend(t, weight):
 @_jit
 def span_points(control, first, last, k, support):
     """The four control points of span k ... k + 1; mirrored beyond either end to clamp it there."""
-    support[1] = control[k]
-    support[2] = control[k + 1]
-    support[0] = control[k - 1] if k > first else 2.0 * control[k] - control[k + 1]
-    support[3] = control[k + 2] if k + 2 < last else 2.0 * control[k + 1] - control[k]
+    for d in range(3):
+        support[1, d] = control[k, d]
+        support[2, d] = control[k + 1, d]
+        support[0, d] = control[k - 1, d] if k > first else 2.0 * control[k, d] - control[k + 1, d]
+        support[3, d] = control[k + 2, d] if k + 2 < last else 2.0 * control[k + 1, d] - control[k, d]
 
 
 @_jit
-def angle_between(a, b):
+def angle_between(ax, ay, az, bx, by, bz):
     """Angle between two vectors, radians; 0 if one of them has no length."""
-    cross_x = a[1] * b[2] - a[2] * b[1]
-    cross_y = a[2] * b[0] - a[0] * b[2]
-    cross_z = a[0] * b[1] - a[1] * b[0]
-    sine = np.sqrt(cross_x * cross_x + cross_y * cross_y + cross_z * cross_z)
-    return np.arctan2(sine, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return np.arctan2(np.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz)
+
+
+@_jit
+def span_turn(p):
+    """How far a span turns, radians: from its first tangent to its chord, and on to its last tangent."""
+    ax, ay, az = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2]
+    bx, by, bz = p[3, 0] - p[1, 0], p[3, 1] - p[1, 1], p[3, 2] - p[1, 2]
+    # The chord of Eq. (6.7) from t = 0 to 1.
+    cx = (p[3, 0] + 3.0 * (p[2, 0] - p[1, 0]) - p[0, 0]) / 6.0
+    cy = (p[3, 1] + 3.0 * (p[2, 1] - p[1, 1]) - p[0, 1]) / 6.0
+    cz = (p[3, 2] + 3.0 * (p[2, 2] - p[1, 2]) - p[0, 2]) / 6.0
+    return angle_between(ax, ay, az, cx, cy, cz) + angle_between(cx, cy, cz, bx, by, bz)
 
 
 @_jit
@@ -205,14 +231,7 @@ def count_rings(control, control_start, steps, max_turn, span_steps, ring_start)
         first, last = control_start[c], control_start[c + 1]
         for k in range(first, last - 1):
             span_points(control, first, last, k, support)
-            begin = support[2] - support[0]
-            end = support[3] - support[1]
-            chord = (
-                support[2]
-                - support[1]
-                + (support[3] - 3.0 * support[2] + 3.0 * support[1] - support[0]) / 6.0
-            )
-            turn = angle_between(begin, chord) + angle_between(chord, end)
+            turn = span_turn(support)
             span_steps[k] = min(max(int(np.ceil(turn / max_turn)), 1), steps)
             fill += span_steps[k]
         if last > first:
@@ -251,14 +270,18 @@ def fill_rings(control, control_width, control_node, control_start, span_steps, 
 @_jit
 def fits_without(centre, width, i, j, error):
     """Whether a tube straight from ring i to ring j strays by at most ``error`` radii at those between."""
-    line = centre[j] - centre[i]
-    length2 = (line * line).sum()
+    length = distance(centre, i, centre, j)
     for k in range(i + 1, j):
-        step = centre[k] - centre[i]
-        t = (step * line).sum() / length2 if length2 > 0.0 else 0.0
-        off = step - min(max(t, 0.0), 1.0) * line
+        t = 0.0
+        for d in range(3):
+            t += (centre[k, d] - centre[i, d]) * (centre[j, d] - centre[i, d])
+        t = min(max(t / (length * length), 0.0), 1.0) if length > SAME_POINT else 0.0
+        off = 0.0
+        for d in range(3):
+            side = centre[k, d] - centre[i, d] - t * (centre[j, d] - centre[i, d])
+            off += side * side
         limit = error * width[k]
-        if (off * off).sum() > limit * limit or abs(width[k] - (1.0 - t) * width[i] - t * width[j]) > limit:
+        if off > limit * limit or abs(width[k] - (1.0 - t) * width[i] - t * width[j]) > limit:
             return False
     return True
 
@@ -272,7 +295,8 @@ def drop_rings(centre, width, node, ring_start, error):
         hi = ring_start[c + 1]
         i = lo
         while i < hi:
-            centre[fill], width[fill], node[fill] = centre[i], width[i], node[i]
+            copy_row(centre, i, centre, fill)
+            width[fill], node[fill] = width[i], node[i]
             fill += 1
             j = i + 1
             while j + 1 < hi and j - i < LONGEST_GAP and fits_without(centre, width, i, j + 1, error):
@@ -287,19 +311,22 @@ def drop_rings(centre, width, node, ring_start, error):
 def tangents(centre, tangent):
     """Unit tangent of each ring: it halves the angle between the pieces before and after."""
     n = centre.shape[0]
-    before = np.zeros(3)
+    bx, by, bz = 0.0, 0.0, 0.0
     for i in range(n):
-        after = before
+        ax, ay, az = bx, by, bz
         for j in range(i + 1, n):  # the next ring that lies elsewhere
-            step = centre[j] - centre[i]
-            length = np.sqrt((step * step).sum())
+            length = distance(centre, i, centre, j)
             if length > SAME_POINT:
-                after = step / length
+                ax = (centre[j, 0] - centre[i, 0]) / length
+                ay = (centre[j, 1] - centre[i, 1]) / length
+                az = (centre[j, 2] - centre[i, 2]) / length
                 break
-        both = before + after
-        length = np.sqrt((both * both).sum())
-        tangent[i] = both / length if length > 1e-6 else after  # a full turn back has no bisector
-        before = after
+        x, y, z = ax + bx, ay + by, az + bz
+        length = np.sqrt(x * x + y * y + z * z)
+        if length < FULL_TURN:  # turning back, there is no middle direction
+            x, y, z, length = ax, ay, az, 1.0
+        tangent[i, 0], tangent[i, 1], tangent[i, 2] = x / length, y / length, z / length
+        bx, by, bz = ax, ay, az
 
 
 @_jit
@@ -317,7 +344,7 @@ def parallel_transport(tangent, normal):
         sine = np.sqrt(x * x + y * y + z * z)
         v = normal[i]
         if sine == 0.0:
-            normal[i + 1] = v
+            copy_row(normal, i, normal, i + 1)
             continue
         x, y, z = x / sine, y / sine, z / sine
         cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -338,9 +365,9 @@ def any_normal(tangent, normal):
     for d in range(1, 3):
         if abs(tangent[d]) < abs(tangent[axis]):
             axis = d
-    normal[:] = -tangent[axis] * tangent
-    normal[axis] += 1.0
-    normal /= np.sqrt((normal * normal).sum())
+    scale = 1.0 / np.sqrt(1.0 - tangent[axis] * tangent[axis])
+    for d in range(3):
+        normal[d] = ((1.0 if d == axis else 0.0) - tangent[axis] * tangent[d]) * scale
 
 
 @_jit
@@ -381,11 +408,9 @@ def fill_side(centre, width, ring_node, tangent, frame, sides, vertex, normal, u
     v = 0
     for i in range(n):
         if i > 0:
-            step = centre[i] - centre[i - 1]
-            along += np.sqrt((step * step).sum())
+            along += distance(centre, i - 1, centre, i)
         a, b = max(i - 1, 0), min(i + 1, n - 1)
-        step = centre[b] - centre[a]
-        run = np.sqrt((step * step).sum())
+        run = distance(centre, a, centre, b)
         slope = (width[b] - width[a]) / run if run > SAME_POINT else 0.0
         t, e = tangent[i], frame[i]
         g0 = t[1] * e[2] - t[2] * e[1]
@@ -428,11 +453,11 @@ def stitch_rings(n_rings, sides, first_vertex, face, f):
 def close_end(ring, sides, side, tangent, vertex, normal, uv, vertex_node, v, face, f):
     """A flat cap with vertices of its own; ``side`` is -1 at the start of a tube and 1 at its end."""
     for j in range(sides):
-        vertex[v + j] = vertex[ring + j]
+        copy_row(vertex, ring + j, vertex, v + j)
         normal[v + j, 0] = side * tangent[0]
         normal[v + j, 1] = side * tangent[1]
         normal[v + j, 2] = side * tangent[2]
-        uv[v + j] = uv[ring + j]
+        uv[v + j, 0], uv[v + j, 1] = uv[ring + j, 0], uv[ring + j, 1]
         vertex_node[v + j] = vertex_node[ring + j]
     for j in range(1, sides - 1):
         face[f, 0] = v

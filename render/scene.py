@@ -34,8 +34,8 @@ PREVIEW_MESH = MeshSettings(sides=28, steps=6)
 SMALLEST = 1e-6  # metres: what is no larger than this cannot be framed
 THIN_BRANCH = 0.3  # pixels: thinner branches are drawn with this radius, or they would break into dots
 MAX_SCAN_POINTS = 300_000
-POINT_PIXELS = (0.75, 2.0)  # radius of a scan point in a picture of 1024 pixels, many and few points
-POINTS_FINE = 80_000  # points from which on they are drawn smallest
+POINT_PIXELS = (0.6, 1.8)  # radius of a scan point in a picture of 1024 pixels, many and few points
+POINTS_FINE = 90_000  # points from which on they are drawn smallest
 STRAY_SHARE = 0.002  # part of a scan's points that may lie outside the picture at either end of an axis
 BELOW_BASE = 0.03  # of the height: branches that hang this far below the base do not push the ground down
 RING_STEPS, RING_LEVELS = 24, 48  # of the solid of revolution that a turntable's camera frames
