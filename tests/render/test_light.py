@@ -1,5 +1,6 @@
 """Camera, rasteriser and light against closed forms."""
 
+import numba
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -21,6 +22,10 @@ from render.lighting import (
 )
 from render.software import LitLayer, SoftwareRenderer
 from treegraph import InputError
+
+pytestmark = pytest.mark.skipif(
+    numba.config.DISABLE_JIT, reason="drawing without compiled loops takes minutes"
+)
 
 UP = np.array([[0.0, 0.0, 1.0]])
 NOBODY = np.empty((0, 0), np.int32)
