@@ -4,26 +4,29 @@ SHELL := /bin/sh
 PYTHON ?=
 export PYTHON
 
-# One thread per process: on a few cores the maths libraries' spinning threads cost more than they bring.
-RUN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_THREADING_LAYER=omp
-TEST_ENV := $(RUN_ENV) PYOPENGL_PLATFORM=egl
 BIN := .venv/bin
 PACKAGES := treegraph recon render sapwood
-OUT ?= out
+OUT ?= demo-output
 ARGS ?=
+
+# One thread per process: on a few cores the maths libraries' spinning threads cost more than they bring.
+RUN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Open3D brings an older TBB along, which numba would warn about; OpenMP is the layer to take where it is there.
+HAS_OPENMP := $(shell PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -m 1 -o 'libgomp\.so\.1$$')
+TEST_ENV := $(RUN_ENV) PYOPENGL_PLATFORM=egl $(if $(HAS_OPENMP),NUMBA_THREADING_LAYER=omp)
 
 .PHONY: help demo test check format bench docs clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
 
-demo: ## reconstruct the sample scans into out/ and say what was written
+demo: ## reconstruct the sample scans into demo-output/ and say what was written
 	@tools/setup.sh run
-	@$(RUN_ENV) $(BIN)/reconstruct samples/*.laz --output $(OUT) --force $(ARGS)
+	@$(RUN_ENV) $(BIN)/python tools/demo.py $(OUT) $(ARGS)
 
-test: ## run the test suite (make test ARGS="-k lobes" runs a part)
+test: ## run the tests but the slow ones (ARGS="-k lobes" runs a part, ARGS="-m slow" the slow ones)
 	@tools/setup.sh dev
-	@$(TEST_ENV) $(BIN)/python -m pytest -q -n logical --maxprocesses=8 $(ARGS)
+	@$(TEST_ENV) $(BIN)/python -m pytest -q -n auto --maxprocesses=4 -m "not slow" $(ARGS)
 
 check: ## linter, formatting and types, without changing anything
 	@tools/setup.sh dev
@@ -36,14 +39,15 @@ format: ## let the formatter and the linter's safe fixes rewrite the files
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: ## measure time, memory and accuracy (benchmarks/README.md)
+bench: ## measure time, memory and accuracy: make bench ARGS="--data DIR" (docs/benchmarks.md)
 	@tools/setup.sh dev
-	@for script in benchmarks/bench_*.py; do echo "== $$script"; $(RUN_ENV) $(BIN)/python $$script $(ARGS) || exit 1; done
+	@$(RUN_ENV) $(BIN)/python -m benchmarks $(ARGS)
 
-docs: ## write the generated pages (docs/commands.md) anew
-	@tools/setup.sh run
-	@$(BIN)/python tools/make_docs.py
+docs: ## write the generated pages and the README's pictures anew
+	@tools/setup.sh dev
+	@$(RUN_ENV) $(BIN)/python tools/make_docs.py
+	@$(RUN_ENV) $(BIN)/python tools/make_pictures.py
 
 clean: ## remove the environment and everything generated
-	rm -rf .venv out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find $(PACKAGES) tests -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf .venv demo-output build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find $(PACKAGES) benchmarks tests -name __pycache__ -prune -exec rm -rf {} +

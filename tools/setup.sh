@@ -27,7 +27,8 @@ if [ -z "${HOME:-}" ] || [ ! -w "${HOME:-}" ]; then
     export PIP_NO_CACHE_DIR
 fi
 PIP_DISABLE_PIP_VERSION_CHECK=1
-export PIP_DISABLE_PIP_VERSION_CHECK
+PIP_USER=0 # a personal pip.conf may ask for user installs, which no virtual environment allows
+export PIP_DISABLE_PIP_VERSION_CHECK PIP_USER
 
 # ---------------------------------------------------------------- apt, for whoever may use it
 apt_updated=no
@@ -44,7 +45,7 @@ apt_install() {
 # ---------------------------------------------------------------- Python 3.11 or newer, with venv
 # 3.11 first: constraints.txt was made with it.
 python=
-for candidate in ${PYTHON:-} python3.11 python3.12 python3.13 python3; do
+for candidate in ${PYTHON:-} python3.11 python3 python3.13 python3.12; do
     if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then
         python=$candidate
         break
@@ -89,8 +90,8 @@ if [ -n "$missing" ]; then
     if apt_install $missing; then
         say "installed the system libraries $missing"
     else
-        say "system libraries are missing; going on without preview pictures. To have them, run:"
-        say "    sudo apt-get install -y --no-install-recommends $missing"
+        say "system libraries are missing; going on without OpenGL (and without Open3D, if libusb is among them)."
+        say "To have them, run: sudo apt-get install -y --no-install-recommends $missing"
     fi
 fi
 
@@ -106,13 +107,17 @@ extra=
 [ "$kind" = dev ] && extra="[dev]"
 say "installing the Python packages (about 1 GB on disk; one to three minutes the first time)"
 install() { "$venv/bin/python" -m pip install -q --prefer-binary "$@" -e ".$extra"; }
-if ! install -c constraints.txt; then
-    if [ "$version" = 3.11 ]; then
-        say "pip could not install the pinned packages; its own words are above"
+if [ "$version" = 3.11 ]; then
+    install -c constraints.txt || {
+        say "pip could not install the pinned packages (its own words are above). Is there a network?"
         exit 1
-    fi
-    say "the pinned versions do not all exist for Python $version; trying without the pins"
-    install
+    }
+else
+    say "constraints.txt pins versions for Python 3.11; with Python $version the newest that fit are taken"
+    install || {
+        say "pip could not install the packages (its own words are above). Is there a network?"
+        exit 1
+    }
 fi
 echo "$want" >"$stamp"
 say "ready"
