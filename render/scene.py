@@ -40,7 +40,7 @@ STRAY_SHARE = 0.002  # part of a scan's points that may lie outside the picture 
 BELOW_BASE = 0.03  # of the height: branches that hang this far below the base do not push the ground down
 RING_STEPS, RING_LEVELS = 24, 48  # of the solid of revolution that a turntable's camera frames
 HEIGHT_RAMP = np.array(  # sRGB from the ground to the top, for scans without colours
-    [[0.33, 0.27, 0.36], [0.27, 0.38, 0.50], [0.24, 0.52, 0.50], [0.42, 0.65, 0.42], [0.74, 0.76, 0.40]]
+    [[0.30, 0.25, 0.33], [0.24, 0.34, 0.46], [0.20, 0.46, 0.45], [0.34, 0.54, 0.33], [0.60, 0.60, 0.24]]
 )
 
 
