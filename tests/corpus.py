@@ -58,6 +58,13 @@ def _trees():
         "zero-length tip": TreeGraph([-1, 0, 1, 1], [*up, up[1]], [0.2, 0.1, 0.1, 0.1]),
         "all in one place": TreeGraph([-1, 0, 1, 1, 0], [(1, 2, 3)] * 5, [0.1] * 5),
         "there and back": along([(0, 0, 0), (0, 0, 1), (0, 0, 0.2), (0, 0, 2)]),
+        "not depth-first": make_tree([-1, 0, 0, 1, 2, 1, 2, 3, 0]),
+        "many stems": TreeGraph(
+            [-1, 0, 0, 0, 1, 2, 3],
+            [up[0], *[(x, 0, z) for z in (1, 2) for x in (-1, 0, 1)]],
+            [0.3, 0.1, 0.1, 0.1, 0.05, 0.05, 0.05],
+        ),
+        "one branch twice": TreeGraph([-1, 0, 1, 1, 2, 3], [*up, up[2], (0, 1, 3), (0, 1, 3)], [0.1] * 6),
         "radii unknown": make_tree([-1, 0, 1, 1, 2, 2]).replace(radius=[math.nan] * 6),
         "some radii unknown": make_tree(bush[:60]).replace(
             radius=np.where(np.arange(60) % 3 == 0, math.nan, 0.01)

@@ -154,52 +154,66 @@ def deviation_angle(parent, direction):
         ax, ay, az = direction[p]
         bx, by, bz = direction[i]
         cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        out[i] = np.arctan2(np.sqrt(cx * cx + cy * cy + cz * cz), ax * bx + ay * by + az * bz)
+        sine, cosine = np.sqrt(cx * cx + cy * cy + cz * cz), ax * bx + ay * by + az * bz
+        if sine != 0.0 or cosine != 0.0:  # a missing direction is all zeros; arctan2(0, -0) would be pi
+            out[i] = np.arctan2(sine, cosine)
     return out
 
 
 @_jit
-def _goes_before(a, b, angle, radius, length):
-    """Whether child a continues the axis rather than child b: angle, then radius, length, index."""
-    if angle[a] != angle[b]:
-        return angle[a] < angle[b]
-    if radius[a] != radius[b] and not np.isnan(radius[a]) and not np.isnan(radius[b]):
-        return radius[a] > radius[b]
-    if length[a] != length[b]:
-        return length[a] > length[b]
-    return a < b
+def _drop_below(kids, value, share, alive):
+    """Clear ``alive`` where a value is below ``share`` of the largest alive one; NaN is never dropped."""
+    largest = 0.0
+    for k in range(kids.size):
+        if alive[k] and value[kids[k]] > largest:
+            largest = value[kids[k]]
+    for k in range(kids.size):
+        if value[kids[k]] < share * largest:
+            alive[k] = False
 
 
 @_jit
-def continue_axes(child_start, child, angle, radius, length, min_radius_share, min_length_share, axis):
+def _continuing_child(kids, angle, radius, length, min_radius_share, min_length_share, tie):
+    """The one of several children that continues the axis; see :func:`treegraph.continue_axis`."""
+    alive = np.ones(kids.size, np.bool_)
+    _drop_below(kids, radius, min_radius_share, alive)
+    _drop_below(kids, length, min_length_share, alive)
+    least = np.inf
+    for k in range(kids.size):
+        if alive[k] and angle[kids[k]] < least:
+            least = angle[kids[k]]
+    all_known = True
+    for k in range(kids.size):
+        if angle[kids[k]] > least + tie:
+            alive[k] = False
+        if alive[k] and np.isnan(radius[kids[k]]):
+            all_known = False
+    if all_known:
+        _drop_below(kids, radius, 1.0 - tie, alive)
+    _drop_below(kids, length, 1.0 - tie, alive)
+    for k in range(kids.size):
+        if alive[k]:
+            return kids[k]
+    return -1
+
+
+@_jit
+def continue_axes(child_start, child, angle, radius, length, min_radius_share, min_length_share, tie, axis):
     """Fill ``axis`` with the child that continues each node's axis, -1 at a tip."""
     for i in range(axis.size):
         first, last = child_start[i], child_start[i + 1]
-        axis[i] = -1
-        thickest = 0.0
-        for k in range(first, last):
-            if radius[child[k]] > thickest:
-                thickest = radius[child[k]]
-        longest = 0.0
-        for k in range(first, last):
-            c = child[k]
-            if not radius[c] < min_radius_share * thickest and length[c] > longest:
-                longest = length[c]
-        for k in range(first, last):
-            c = child[k]
-            if radius[c] < min_radius_share * thickest or length[c] < min_length_share * longest:
-                continue
-            if axis[i] < 0 or _goes_before(c, axis[i], angle, radius, length):
-                axis[i] = c
+        if last - first > 1:
+            axis[i] = _continuing_child(
+                child[first:last], angle, radius, length, min_radius_share, min_length_share, tie
+            )
+        elif last - first == 1:
+            axis[i] = child[first]
+        else:
+            axis[i] = -1
 
 
 @_jit
-def _close(a, b, tolerance):
-    return a == b or abs(a - b) < tolerance * max(a, b)
-
-
-@_jit
-def branch_orders(parent, axis, angle, radius, tolerance, order):
+def branch_orders(parent, axis, angle, radius, alike, tie, order):
     """Fill ``order``: an axis keeps its parent's, a side branch one more unless it is like the axis."""
     for i in range(parent.size):
         p = parent[i]
@@ -207,8 +221,13 @@ def branch_orders(parent, axis, angle, radius, tolerance, order):
             order[i] = 0
             continue
         a = axis[p]
-        alike = _close(angle[i], angle[a], tolerance) and _close(radius[i], radius[a], tolerance)
-        order[i] = order[p] + (0 if i == a or alike else 1)
+        if i == a:
+            order[i] = order[p]
+            continue
+        spread, wide = abs(angle[i] - angle[a]), max(angle[i], angle[a])
+        same_angle = spread <= tie or spread < alike * wide
+        same_radius = radius[i] == radius[a] or abs(radius[i] - radius[a]) < alike * max(radius[i], radius[a])
+        order[i] = order[p] + (0 if alike > 0.0 and same_angle and same_radius else 1)
 
 
 @_jit
@@ -219,8 +238,7 @@ def list_chains(parent, axis):
     links = 0
     for i in range(n):
         p = parent[i]
-        lone = p < 0 and axis[i] < 0
-        if lone or (p < 0 and axis[i] >= 0) or (p >= 0 and axis[p] != i):
+        if p < 0 or axis[p] != i:
             heads += 1
         if p >= 0:
             links += 1

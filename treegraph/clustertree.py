@@ -38,6 +38,12 @@ class Cluster:
     ------
     TreeError
         If an array has a wrong shape or an index points outside.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> Cluster(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], seed=[5], density=120.0, n_points=20)
+    <Cluster 4 vertices, 4 faces, 1 seed>
     """
 
     vertices: NDArray[np.float64]
@@ -76,8 +82,13 @@ class Cluster:
         object.__setattr__(self, "density", density)
         object.__setattr__(self, "n_points", n_points)
 
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy is checked, and read-only, again
+        return Cluster, (self.vertices, self.faces, self.seed, self.density, self.n_points)
+
     def __repr__(self) -> str:
-        return f"<Cluster {len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.seed)} seeds>"
+        n_seeds = len(self.seed)
+        seeds = f"{n_seeds} seed{'s' * (n_seeds != 1)}"
+        return f"<Cluster {len(self.vertices)} vertices, {len(self.faces)} faces, {seeds}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +115,13 @@ class ClusterTree:
     ------
     TreeError
         If a part has the wrong type or shape, or a seed is not a node of the graph.
+
+    Examples
+    --------
+    >>> from treegraph import DEFAULT_ALLOMETRY
+    >>> graph = TreeGraph([-1, 0], [[0, 0, 0], [0, 0, 7]], [0.2, 0.0])
+    >>> ClusterTree(graph, (), "Pine", DEFAULT_ALLOMETRY, origin=(455000.0, 5428000.0, 231.0), epsg=32632)
+    <ClusterTree 2 nodes, 0 clusters, Pine>
     """
 
     graph: TreeGraph
@@ -132,7 +150,7 @@ class ClusterTree:
                 )
         if self.species is not None and not (isinstance(self.species, str) and self.species):
             raise TreeError(f"species must be a name or None, got {self.species!r}")
-        if self.epsg is not None and not 0 < int(self.epsg) < 2**31:
+        if self.epsg is not None and not (isinstance(self.epsg, int | np.integer) and 0 < self.epsg < 2**31):
             raise TreeError(f"epsg must be a positive code or None, got {self.epsg!r}")
         origin = _as_float("origin", self.origin)
         if origin.shape != (3,) or not np.isfinite(origin).all():
@@ -142,10 +160,28 @@ class ClusterTree:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "epsg", None if self.epsg is None else int(self.epsg))
 
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy is checked, and read-only, again
+        return ClusterTree, (self.graph, self.clusters, self.species, self.allometry, self.origin, self.epsg)
+
     def __repr__(self) -> str:
         named = f", {self.species}" if self.species else ""
-        return f"<ClusterTree {self.graph.n_nodes} nodes, {len(self.clusters)} clusters{named}>"
+        nodes, clusters = self.graph.n_nodes, len(self.clusters)
+        return (
+            f"<ClusterTree {nodes} node{'s' * (nodes != 1)}, "
+            f"{clusters} cluster{'s' * (clusters != 1)}{named}>"
+        )
 
     def replace(self, **changes: Any) -> ClusterTree:
-        """Return a tree with some of its parts changed; the rules are checked again."""
+        """Return a tree with some of its parts changed; the rules are checked again.
+
+        Parameters
+        ----------
+        **changes
+            Any of ``graph``, ``clusters``, ``species``, ``allometry``, ``origin``, ``epsg``.
+
+        Raises
+        ------
+        TreeError
+            If the changed tree breaks a rule.
+        """
         return replace(self, **changes)

@@ -45,8 +45,11 @@ class TreeGraph:
 
     Examples
     --------
-    >>> TreeGraph(parent=[-1, 0, 0], position=[[0, 0, 0], [0, 0, 1], [0, 1, 1]], radius=[0.1, 0.05, 0.05])
+    >>> tree = TreeGraph([-1, 0, 0], [[0, 0, 0], [0, 0, 1], [0, 1, 1]], radius=[0.1, 0.05, 0.05])
+    >>> tree
     <TreeGraph 3 nodes, 1 root>
+    >>> tree.replace(radius=tree.radius * 2).radius.tolist()
+    [0.2, 0.1, 0.1]
     """
 
     parent: NDArray[np.int32]
@@ -58,7 +61,7 @@ class TreeGraph:
         parent = _as_index("parent", self.parent)
         position = _as_float("position", self.position)
         radius = _as_float("radius", self.radius)
-        attribute = {name: np.array(value, order="C") for name, value in dict(self.attribute).items()}
+        attribute = {name: _as_column(name, value) for name, value in dict(self.attribute).items()}
         check_tree(parent, position, radius, attribute)
         for array in (parent, position, radius, *attribute.values()):
             array.flags.writeable = False
@@ -88,6 +91,13 @@ class TreeGraph:
         **changes
             Any of ``parent``, ``position``, ``radius``, ``attribute``. A new ``attribute``
             takes the place of the old mapping as a whole.
+
+        Raises
+        ------
+        TreeError
+            If the changed graph breaks a rule of :func:`check_tree`.
+        TypeError
+            If a name is not one of the four.
         """
         return replace(self, **changes)
 
@@ -116,6 +126,17 @@ def check_tree(
     ------
     TreeError
         With the rule, what came instead, and the first node at fault.
+
+    Notes
+    -----
+    O(n). The constructor of :class:`TreeGraph` calls it; compiled loops rely on it.
+
+    Examples
+    --------
+    >>> check_tree(np.array([-1, 2, 1]), np.zeros((3, 3)), np.zeros(3))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    treegraph.errors.TreeError: parent[1] is 2, but a parent must come before its child ...
     """
     n = parent.size
     if parent.ndim != 1 or n == 0:
@@ -233,6 +254,10 @@ def tree_from_unsorted(
     TreeError
         As :func:`sort_topological` and :func:`check_tree`.
 
+    Notes
+    -----
+    O(n) time and memory.
+
     Examples
     --------
     >>> tree = tree_from_unsorted([1, -1], [[0, 0, 1], [0, 0, 0]])
@@ -244,7 +269,9 @@ def tree_from_unsorted(
     n = parent.size
     position = _rows("position", _as_float("position", position), n)
     radius = np.full(n, np.nan) if radius is None else _rows("radius", _as_float("radius", radius), n)
-    columns = {name: _rows(f"attribute {name!r}", np.asarray(v), n) for name, v in (attribute or {}).items()}
+    columns = {
+        name: _rows(f"attribute {name!r}", _as_column(name, v), n) for name, v in (attribute or {}).items()
+    }
     rank = np.empty(n + 1, np.int32)
     rank[order] = np.arange(n, dtype=np.int32)
     rank[n] = NO_PARENT  # parent -1 reads the last entry
@@ -274,10 +301,21 @@ def _as_index(name: str, array: ArrayLike) -> NDArray[np.int32]:
 
 
 def _as_float(name: str, array: ArrayLike) -> NDArray[np.float64]:
+    """Copy to contiguous float64, refusing what is no number (complex or text would convert in silence)."""
     try:
-        return np.array(array, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+        array = np.asarray(array)
+        if array.dtype.kind in "biufO":
+            return np.array(array, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError) as error:
         raise TreeError(f"{name} must be an array of numbers, got {error}") from error
+    raise TreeError(f"{name} must be an array of numbers, got dtype {array.dtype}")
+
+
+def _as_column(name: str, array: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.array(array, order="C")
+    except ValueError as error:
+        raise TreeError(f"attribute {name!r} must be an array, got {error}") from error
 
 
 def _check_attributes(attribute: Mapping[str, NDArray[Any]], n: int) -> None:

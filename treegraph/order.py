@@ -27,6 +27,10 @@ MIN_LENGTH_SHARE = 0.5
 ALIKE = 0.05
 """Relative difference in angle and radius below which children have one order (thesis 5.2.2)."""
 
+TIE = 1e-6
+"""Angles this close, in radians, and radii and lengths this close, relatively, are equal: rounding does not
+choose between the two halves of an even fork."""
+
 
 def continue_axis(tree: TreeGraph) -> NDArray[np.int32]:
     """The child of each node that continues its axis.
@@ -37,8 +41,9 @@ def continue_axis(tree: TreeGraph) -> NDArray[np.int32]:
        radius never drops out);
     2. length: of the rest, those drop out whose longest way to a tip, their own segment included, is
        below half of the longest among that rest;
-    3. the smallest deviation angle, between the child's segment and the node's own, wins; if equal,
-       the larger radius, then the longer way, then the lower index.
+    3. the smallest deviation angle, between the child's segment and the node's own, wins; if angles are
+       equal to 1e-6 rad, the larger radius (if all of them are known), then the longer way, both
+       to one part in 10^6, then the lower index.
 
     A twig that happens to leave straight on therefore never takes over the trunk. At a root, which has
     no segment of its own, all angles count as equal, as 0. A segment without length has the
@@ -47,7 +52,7 @@ def continue_axis(tree: TreeGraph) -> NDArray[np.int32]:
     Parameters
     ----------
     tree : TreeGraph
-        ``parent``, ``position`` and ``radius`` are read.
+        ``parent``, ``position`` (metres) and ``radius`` (metres) are read.
 
     Returns
     -------
@@ -56,7 +61,15 @@ def continue_axis(tree: TreeGraph) -> NDArray[np.int32]:
 
     Notes
     -----
-    O(n). The choice does not change with rotation, translation or scale, up to rounding.
+    O(n) time and memory. The choice does not change with rotation, translation or scale; nor, unless the
+    lower index has to decide, with the order of the children.
+
+    Examples
+    --------
+    >>> up = [[0, 0, 0], [0, 0, 1], [0, 0, 2]]
+    >>> tree = TreeGraph([-1, 0, 1, 1], up + [[0, 1, 1]], [0.2, 0.2, 0.01, 0.2])  # a twig goes straight on
+    >>> continue_axis(tree).tolist()
+    [1, 3, -1, -1]
     """
     return _axes(tree)[0]
 
@@ -68,7 +81,9 @@ def _axes(tree: TreeGraph) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     length = _kernels.reach(tree.parent, edge) + edge
     start, child = _kernels.child_lists(tree.parent)
     axis = np.empty(tree.n_nodes, np.int32)
-    _kernels.continue_axes(start, child, angle, tree.radius, length, MIN_RADIUS_SHARE, MIN_LENGTH_SHARE, axis)
+    _kernels.continue_axes(
+        start, child, angle, tree.radius, length, MIN_RADIUS_SHARE, MIN_LENGTH_SHARE, TIE, axis
+    )
     return axis, angle
 
 
@@ -78,15 +93,15 @@ def gravelius_order(tree: TreeGraph, *, alike: float = ALIKE) -> NDArray[np.int3
     At each node the child of :func:`continue_axis` keeps the order, the others have one more (thesis
     5.2.2). So that trees without a leader have no arbitrary one, a child also keeps the order if its
     deviation angle and its radius both differ by less than 5% from those of the continuing child. The
-    difference of a and b is measured against the larger, ``|a - b| < alike * max(a, b)``; equal values
-    never differ, unknown radii always do.
+    difference of a and b is measured against the larger, ``|a - b| < alike * max(a, b)``. Equal radii never
+    differ, nor do angles within 1e-6 rad of each other; unknown radii always differ.
 
     Parameters
     ----------
     tree : TreeGraph
-        ``parent``, ``position`` and ``radius`` are read.
+        ``parent``, ``position`` (metres) and ``radius`` (metres) are read.
     alike : float, default 0.05
-        The relative difference, dimensionless, >= 0; 0 gives the order without that exception.
+        The relative difference, dimensionless, >= 0; at 0 there is no such exception.
 
     Returns
     -------
@@ -100,7 +115,7 @@ def gravelius_order(tree: TreeGraph, *, alike: float = ALIKE) -> NDArray[np.int3
 
     Notes
     -----
-    O(n).
+    O(n) time and memory. One more than at the parent at most, and never less. In a forest every root is 0.
 
     Examples
     --------
@@ -113,7 +128,7 @@ def gravelius_order(tree: TreeGraph, *, alike: float = ALIKE) -> NDArray[np.int3
         raise InputError(f"alike must be a finite number >= 0, got {alike!r}")
     axis, angle = _axes(tree)
     order = np.empty(tree.n_nodes, np.int32)
-    _kernels.branch_orders(tree.parent, axis, angle, tree.radius, float(alike), order)
+    _kernels.branch_orders(tree.parent, axis, angle, tree.radius, float(alike), TIE, order)
     return order
 
 
@@ -123,6 +138,11 @@ def chains(tree: TreeGraph) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     A chain follows :func:`continue_axis` up to a tip. Every segment is in exactly one chain, and all
     segments of a chain have one order. Two children of one order (:func:`gravelius_order`) are still
     two chains, as a node of a chain has one successor.
+
+    Parameters
+    ----------
+    tree : TreeGraph
+        ``parent``, ``position`` (metres) and ``radius`` (metres) are read.
 
     Returns
     -------
@@ -136,7 +156,13 @@ def chains(tree: TreeGraph) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
 
     Notes
     -----
-    O(n).
+    O(n) time and memory. Departs from [1]_, which walks from each tip towards the root until it meets a
+    marked node: that gives the same chains if the tips are taken in the right order, which is what
+    :func:`continue_axis` decides.
+
+    References
+    ----------
+    .. [1] S. Pirk, dissertation, University of Konstanz, 2013, section 6.1.3
 
     Examples
     --------

@@ -57,7 +57,7 @@ def deviation(tree, i):
     return math.atan2(np.linalg.norm(np.cross(a, b)), float(a @ b))
 
 
-def axis_child(tree, i):
+def axis_child(tree, i, tie=1e-6):
     """The rule of continue_axis, sentence by sentence."""
     kids = children(tree.parent)[i]
     if not kids:
@@ -67,33 +67,42 @@ def axis_child(tree, i):
     kids = [c for c in kids if math.isnan(r[c]) or r[c] >= 0.7 * thickest]
     longest = max(longest_way(tree, c) for c in kids)
     kids = [c for c in kids if longest_way(tree, c) >= 0.5 * longest]
-    best = kids[0]
-    for c in kids[1:]:
-        a, b = deviation(tree, c), deviation(tree, best)
-        if a != b:
-            best = c if a < b else best
-        elif r[c] != r[best] and not math.isnan(r[c]) and not math.isnan(r[best]):
-            best = c if r[c] > r[best] else best
-        elif longest_way(tree, c) > longest_way(tree, best):
-            best = c
-    return best
+    least = min(deviation(tree, c) for c in kids)
+    kids = [c for c in kids if deviation(tree, c) <= least + tie]
+    if not any(math.isnan(r[c]) for c in kids):
+        kids = [c for c in kids if r[c] >= (1 - tie) * max(r[k] for k in kids)]
+    longest = max(longest_way(tree, c) for c in kids)
+    return min(c for c in kids if longest_way(tree, c) >= (1 - tie) * longest)
 
 
-def gravelius(tree, alike=0.05):
-    def close(a, b):
-        return a == b or abs(a - b) < alike * max(a, b)
-
+def gravelius(tree, alike=0.05, tie=1e-6):
     order = []
     for i, p in enumerate(tree.parent.tolist()):
         if p < 0:
             order.append(0)
             continue
         a = axis_child(tree, p)
-        same = i == a or (
-            close(deviation(tree, i), deviation(tree, a)) and close(tree.radius[i], tree.radius[a])
+        r, s = tree.radius[i], tree.radius[a]
+        u, v = deviation(tree, i), deviation(tree, a)
+        same = (abs(u - v) <= tie or abs(u - v) < alike * max(u, v)) and (
+            r == s or abs(r - s) < alike * max(r, s)
         )
-        order.append(order[p] + (not same))
+        order.append(order[p] + (i != a and not (alike > 0 and same)))
     return order
+
+
+def chain_lists(tree):
+    """Chains by following the axis from each node that does not continue one."""
+    axis = [axis_child(tree, i) for i in range(tree.n_nodes)]
+    found = []
+    for i, p in enumerate(tree.parent.tolist()):
+        if p >= 0 and axis[p] == i:
+            continue
+        chain = [i] if p < 0 else [p, i]
+        while axis[chain[-1]] >= 0:
+            chain.append(axis[chain[-1]])
+        found.append(chain)
+    return found
 
 
 def distance_to_segment(p, a, b):
