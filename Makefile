@@ -30,9 +30,8 @@ test: ## run the tests but the slow ones (ARGS="-k lobes" runs a part, ARGS="-m 
 
 check: ## linter, formatting and types, without changing anything
 	@tools/setup.sh dev
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	@status=0; for chore in "ruff check ." "ruff format --check ." mypy; do \
+		echo "$$chore"; $(BIN)/$$chore || status=1; done; exit $$status
 
 format: ## let the formatter and the linter's safe fixes rewrite the files
 	@tools/setup.sh dev
