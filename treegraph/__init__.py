@@ -20,6 +20,7 @@ from treegraph.graph import NO_PARENT, TreeGraph, check_tree, sort_topological, 
 
 if TYPE_CHECKING:
     from treegraph.edit import prune, resample, simplify, simplify_nodes, take_nodes, transform
+    from treegraph.lobes import decode_lobes, encode_lobes, read_lobes, write_lobes
     from treegraph.measure import children, count_tips, path_length, segment_length, subtree_length
     from treegraph.order import chains, continue_axis, gravelius_order
     from treegraph.swc import read_swc, write_swc
@@ -31,7 +32,10 @@ _LAZY = {
     "count_tips": "measure",
     "gravelius_order": "order",
     "path_length": "measure",
+    "decode_lobes": "lobes",
+    "encode_lobes": "lobes",
     "prune": "edit",
+    "read_lobes": "lobes",
     "read_swc": "swc",
     "resample": "edit",
     "segment_length": "measure",
@@ -40,6 +44,7 @@ _LAZY = {
     "subtree_length": "measure",
     "take_nodes": "edit",
     "transform": "edit",
+    "write_lobes": "lobes",
     "write_swc": "swc",
 }
 
@@ -62,10 +67,13 @@ __all__ = [
     "children",
     "continue_axis",
     "count_tips",
+    "decode_lobes",
+    "encode_lobes",
     "find_allometry",
     "gravelius_order",
     "path_length",
     "prune",
+    "read_lobes",
     "read_swc",
     "resample",
     "segment_length",
@@ -76,6 +84,7 @@ __all__ = [
     "take_nodes",
     "transform",
     "tree_from_unsorted",
+    "write_lobes",
     "write_swc",
 ]
 
