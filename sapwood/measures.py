@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from sapwood.cylinders import cylinder_length, cylinder_volume
 
 if TYPE_CHECKING:
-    from treegraph import TreeGraph
+    from treegraph import ClusterTree, TreeGraph
 
 __all__ = ["Measures", "crown_base", "crown_width", "measure"]
 
-CROWN_BRANCH_SHARE = 0.02
-"""A branch belongs to the crown if it carries at least this share of all the wood's length."""
+CROWN_SHARE = 0.02
+"""What lies lowest counts for the crown once it holds this share of all leaf points, or of all wood's length."""
 
 CROWN_DIRECTIONS = 36
 """Directions over half a turn in which the crown's width is taken."""
@@ -29,20 +29,21 @@ class Measures:
     Attributes
     ----------
     height_m : float
-        Highest point of the scan above the foot of the trunk, metres.
+        Highest point of the tree above the foot of its trunk, metres.
     dbh_m : float or None
         Diameter of the trunk 1.3 m above its foot, metres.
     dbh_method : str
-        How the diameter was measured.
+        ``"circle"`` (fitted to the points there), ``"tube"`` (the modelled trunk) or ``"none"``.
     dbh_reason : str or None
-        Why there is no diameter.
+        Why there is no diameter, or why it is not from a circle.
+    dbh_arc : float
+        Share of the trunk's round on which the circle has points, 0 to 1.
     crown_width_m : float or None
-        Mean horizontal extent of the crown's points over all directions, metres.
+        Mean horizontal extent over all directions of the points above the crown's base, metres.
     crown_base_m : float or None
-        Height above the foot of the trunk at which the lowest branch of the crown leaves it, metres.
-        A branch counts if it carries at least 2 % of the wood's length.
+        Height of the crown's base above the foot of the trunk, metres; see :func:`crown_base`.
     wood_volume_m3 : float
-        Volume of the cylinders, cubic metres.
+        Volume of the cylinders, cubic metres: trunk and branches as far as they are modelled.
     total_length_m : float
         Length of the cylinders, metres.
     n_nodes, n_tips, n_clusters : int
@@ -53,6 +54,7 @@ class Measures:
     dbh_m: float | None
     dbh_method: str
     dbh_reason: str | None
+    dbh_arc: float
     crown_width_m: float | None
     crown_base_m: float | None
     wood_volume_m3: float
@@ -63,53 +65,70 @@ class Measures:
 
 
 def measure(
-    graph: TreeGraph,
+    tree: ClusterTree,
     table: NDArray[np.void],
     xyz: NDArray[np.float64],
     *,
-    n_clusters: int = 0,
     dbh_m: float | None = None,
     dbh_method: str = "none",
     dbh_reason: str | None = None,
+    dbh_arc: float = 0.0,
 ) -> Measures:
-    """Measure a tree from its graph, its cylinder table and its points.
+    """Measure a tree from its graph, its clusters, its cylinder table and its points.
 
     Parameters
     ----------
-    graph : TreeGraph
+    tree : ClusterTree
         In the local frame: foot of the trunk at the origin, z up, metres.
     table : (m,) structured ndarray
-        The :func:`sapwood.cylinder_table` of `graph`.
+        The :func:`sapwood.cylinder_table` of its graph.
     xyz : (n, 3) float64 ndarray
-        The tree's points in the local frame; the nodes are taken in their stead if there are none.
-    n_clusters, dbh_m, dbh_method, dbh_reason
+        The tree's points in the local frame; nodes and hulls are taken in their stead if there are none.
+    dbh_m, dbh_method, dbh_reason, dbh_arc
         Passed on as they are.
     """
     import treegraph
 
-    points = xyz if len(xyz) else graph.position
-    base = crown_base(graph)
+    graph = tree.graph
+    points = xyz if len(xyz) else np.concatenate([graph.position, *(c.vertices for c in tree.clusters)])
+    base = crown_base(tree)
     return Measures(
         height_m=float(points[:, 2].max()),
-        dbh_m=dbh_m,
+        dbh_m=None if dbh_m is None else float(dbh_m),
         dbh_method=dbh_method,
         dbh_reason=dbh_reason,
+        dbh_arc=float(dbh_arc),
         crown_width_m=crown_width(points[points[:, 2] >= base]) if base is not None else None,
         crown_base_m=base,
         wood_volume_m3=float(cylinder_volume(table).sum()),
         total_length_m=float(cylinder_length(table).sum()),
         n_nodes=graph.n_nodes,
         n_tips=int(treegraph.count_tips(graph)[graph.parent < 0].sum()),
-        n_clusters=n_clusters,
+        n_clusters=len(tree.clusters),
     )
 
 
-def crown_base(graph: TreeGraph) -> float | None:
-    """Height at which the lowest branch of the crown leaves the trunk, metres; None if there is none.
+def crown_base(tree: ClusterTree) -> float | None:
+    """Height above the foot of the trunk at which the crown begins, metres; None if there is no crown.
 
-    A branch is a side axis of order 1 that carries at least :data:`CROWN_BRANCH_SHARE` of the length of
-    all wood (its own first segment included).
+    With leaf clusters: the lowest point of the cluster with which the clusters, taken from the lowest up,
+    hold :data:`CROWN_SHARE` of all their points, so that a tuft at the foot does not count.
+    Without: the height at which the lowest branch leaves the trunk (side axis of order 1) that carries
+    :data:`CROWN_SHARE` of the length of all wood.
     """
+    if tree.clusters:
+        bottom = np.array([c.vertices[:, 2].min() if len(c.vertices) else np.inf for c in tree.clusters])
+        n_points = np.array([c.n_points for c in tree.clusters], np.float64)
+        order = np.argsort(bottom, kind="stable")
+        reached = np.cumsum(n_points[order]) >= CROWN_SHARE * n_points.sum()
+        lowest = float(bottom[order[np.argmax(reached)]])
+        if np.isfinite(lowest):
+            return max(lowest, 0.0)
+    return _lowest_branch(tree.graph)
+
+
+def _lowest_branch(graph: TreeGraph) -> float | None:
+    """Height at which the lowest branch of some length leaves the trunk, metres; None if none does."""
     import treegraph
 
     parent = graph.parent
@@ -118,10 +137,10 @@ def crown_base(graph: TreeGraph) -> float | None:
     carried = np.asarray(treegraph.subtree_length(graph)) + segment
     before = np.where(parent >= 0, parent, 0)
     leaves_trunk = (parent >= 0) & (order == 1) & (order[before] == 0)
-    leaves_trunk &= carried >= CROWN_BRANCH_SHARE * segment.sum()
+    leaves_trunk &= carried >= CROWN_SHARE * segment.sum()
     if not leaves_trunk.any():
         return None
-    return float(graph.position[before[leaves_trunk], 2].min())
+    return max(float(graph.position[before[leaves_trunk], 2].min()), 0.0)
 
 
 def crown_width(xyz: NDArray[np.float64]) -> float | None:

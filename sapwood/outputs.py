@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import tempfile
@@ -21,20 +22,34 @@ class Staging:
 
     Leaving the ``with`` block, however that happens, removes the hidden folder and what is still in it.
 
+    Leaving it also removes `folder` itself if entering made it and nothing was published there.
+
+    Parameters
+    ----------
+    folder : path
+        Where the finished files go; made if it is not there.
+    inside : path, optional
+        Where the hidden folder is made; on the same disk as `folder`, which it is by default.
+
     Raises
     ------
     InputError
         On entering, if `folder` cannot be made or written to.
     """
 
-    def __init__(self, folder: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, folder: str | os.PathLike[str], *, inside: str | os.PathLike[str] | None = None
+    ) -> None:
         self.folder = Path(folder)
         self.path = self.folder
+        self._inside = self.folder if inside is None else Path(inside)
+        self._made_folder = False
 
     def __enter__(self) -> Staging:
+        self._made_folder = not self.folder.exists()
         make_folder(self.folder)
         try:
-            self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self.folder))
+            self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self._inside))
         except OSError as error:
             raise InputError(
                 f"{self.folder}: cannot write here ({error.strerror}); name another folder."
@@ -45,6 +60,9 @@ class Staging:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self.path, ignore_errors=True)
+        if self._made_folder:
+            with contextlib.suppress(OSError):  # there is something in it
+                self.folder.rmdir()
 
     def publish(self, names: Iterable[str]) -> list[Path]:
         """Move finished files to their place, replacing what is there; in the order given."""
@@ -88,6 +106,8 @@ def write_whole(
 ) -> Path:
     """Have ``write(temporary path)`` make a file, then move it to `path`; the suffix stays the same.
 
+    Other files that it makes beside the temporary one (the ``.mtl`` of an ``.obj``) move along.
+
     Raises
     ------
     InputError
@@ -97,5 +117,7 @@ def write_whole(
     check_free([path], force=force)
     with Staging(path.parent) as staging:
         write(staging.path / path.name)
-        staging.publish([path.name])
+        names = sorted({*os.listdir(staging.path)} - {path.name})
+        check_free([path.parent / name for name in names], force=force)
+        staging.publish([*names, path.name])
     return path

@@ -1,10 +1,10 @@
-"""From a scan to everything that is written of it: read, prepare, encode, measure, save."""
+"""From a scan to a measured tree: read, prepare, encode, measure."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -15,14 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sapwood.cylinders import cylinder_table, move_cylinders
-from sapwood.measures import Measures, measure
+from sapwood.measures import measure
 from treegraph.errors import FitError, FormatError, InputError
 
 if TYPE_CHECKING:
-    from recon import Cloud, EncodeReport, EncodeSettings, PrepareSettings
+    from recon import Cloud, EncodeReport, EncodeSettings
     from treegraph import ClusterTree
 
-__all__ = ["Reconstruction", "reconstruct"]
+__all__ = ["Clock", "Reconstruction", "make_settings", "reconstruct"]
+
+DEFAULT_NAME = "tree"
+"""Name of the outputs of points from memory."""
+
+PREPARE_OPTIONS = ("base", "units", "up", "keep_ground", "largest", "tree_id")
+READ_OPTIONS = ("max_points", "as_points", "decimal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +43,17 @@ class Reconstruction:
         The tree itself, in the local frame: foot of the trunk at the origin, z up, metres.
     cloud : Cloud
         The points it was made from: the tree's own, in the same frame.
-    measures : Measures
-        Its figures.
+    measures : dict of str to float, int, str or None
+        Its figures, the fields of :class:`sapwood.Measures`: ``height_m``, ``dbh_m`` and so on.
     cylinders : (m,) structured ndarray
         The :func:`sapwood.cylinder_table` in the scan's own coordinates, metres.
     report : EncodeReport
         How the trunk's diameter was measured, what was used and noticed.
     notes : tuple of str
         One-line remarks on the scan, for the user.
-    seconds : mapping of str to float
+    seconds : dict of str to float
         Wall-clock time of each stage.
-    settings : mapping of str to object
+    settings : dict of str to object
         Every setting in force, as JSON takes it.
     source : str
         Path of the scan, "" for points from memory.
@@ -58,26 +64,26 @@ class Reconstruction:
     name: str
     tree: ClusterTree
     cloud: Cloud
-    measures: Measures
+    measures: dict[str, Any]
     cylinders: NDArray[np.void]
     report: EncodeReport
     notes: tuple[str, ...]
-    seconds: Mapping[str, float]
-    settings: Mapping[str, Any]
+    seconds: dict[str, float]
+    settings: dict[str, Any]
     source: str
     sha256: str
 
     def __repr__(self) -> str:
         m = self.measures
-        dbh = f"DBH {m.dbh_m * 100:.1f} cm" if m.dbh_m is not None else "no DBH"
-        size = f"{m.height_m:.1f} m high, {dbh}"
-        return f"<Reconstruction {self.name}: {size}, {m.n_nodes} nodes, {m.n_clusters} clusters>"
+        dbh = f"DBH {m['dbh_m'] * 100:.1f} cm" if m["dbh_m"] is not None else "no DBH"
+        size = f"{m['height_m']:.1f} m high, {dbh}"
+        return f"<Reconstruction {self.name}: {size}, {m['n_nodes']} nodes, {m['n_clusters']} clusters>"
 
     def save(self, folder: str | os.PathLike[str], **options: Any) -> list[Path]:
-        """Write the tree's files into `folder`; see :func:`sapwood.saving.save` for the options."""
+        """Write the tree's files into `folder`; :func:`sapwood.saving.save` has the options."""
         from sapwood.saving import save
 
-        return save(self, folder, **options)
+        return save(self, folder, **options).files
 
 
 def reconstruct(
@@ -85,12 +91,10 @@ def reconstruct(
     *,
     species: str | None = None,
     f_s: float | None = None,
-    prepare: PrepareSettings | None = None,
-    encode: EncodeSettings | None = None,
-    max_points: int | None = None,
-    as_points: bool = False,
-    decimal: str | None = None,
+    settings: EncodeSettings | None = None,
     name: str | None = None,
+    progress: Callable[[str], object] | None = None,
+    **options: Any,
 ) -> Reconstruction:
     """Reconstruct the tree in a scan.
 
@@ -101,16 +105,18 @@ def reconstruct(
     species : str, optional
         A species of :data:`treegraph.SPECIES_ALLOMETRY`; gives the branches' allometry.
     f_s : float, optional
-        Share of the diameter kept per step where wood gives way to leaf clusters, 0 < f_s <= 1; 1 makes no
-        clusters. The species' own if left out.
-    prepare : PrepareSettings, optional
-        What is known of the scan: units, up axis, base of the trunk, which tree.
-    encode : EncodeSettings, optional
-        How the tree is made.
-    max_points, as_points, decimal
-        As :func:`recon.read_cloud` takes them; for files only.
+        Factor by which the diameters are reduced where wood gives way to leaf clusters, 0 < f_s <= 1;
+        1 makes no clusters (a leafless tree). The species' own, or what the scan shows, if left out.
+    settings : EncodeSettings, optional
+        How the tree is made, in full; the other arguments take the place of the same in it.
     name : str, optional
         Name of the outputs; the file's name without suffix if left out.
+    progress : callable, optional
+        Called with the name of each stage when it begins.
+    **options
+        Single fields of :class:`recon.EncodeSettings` (``beta``, ``gamma``, ``max_nodes`` ...), of
+        :class:`recon.PrepareSettings` (``units``, ``up``, ``base``, ``largest``, ``tree_id``,
+        ``keep_ground``), and ``max_points``, ``as_points`` and ``decimal`` of :func:`recon.read_cloud`.
 
     Returns
     -------
@@ -132,52 +138,91 @@ def reconstruct(
     >>> tree.save("out")  # doctest: +SKIP
     """
     import recon
-    import treegraph
-    from recon.reading import MAX_POINTS
 
-    prepare = prepare if prepare is not None else recon.PrepareSettings()
-    encode = encode if encode is not None else recon.EncodeSettings()
-    if f_s is not None:
-        encode = replace(encode, f_s=f_s)
-    treegraph.find_allometry(species)  # a misspelt species is said before a long file is read
-    clock = Clock()
-    reading = {"max_points": max_points or MAX_POINTS, "as_points": as_points, "decimal": decimal}
+    reading = {key: options.pop(key) for key in READ_OPTIONS if key in options}
+    species = _known_species(species)  # a misspelt name is said before a long file is read
+    settings = make_settings(settings, f_s=f_s, **options)
+    clock = Clock(progress)
     cloud, source, sha256 = _read(scan, reading, clock)
-    with _about(source):
-        with clock.stage("prepare"):
-            prepared = recon.prepare(cloud, prepare)
-            _refuse_plot(prepared.looks_like_many, prepare)
-        with clock.stage("encode"):
-            encoding = recon.encode_with_report(prepared.cloud, species=species, settings=encode)
+    with clock.stage("encode"), _about(source):
+        encoding = recon.encode_with_report(cloud, species=species, settings=settings)
+    report = encoding.report
     with clock.stage("measure"):
-        measures, table = _measure(encoding.tree, encoding.report, prepared.cloud.xyz)
+        table = cylinder_table(encoding.tree.graph)
+        dbh = {key: getattr(report, key) for key in ("dbh_m", "dbh_method", "dbh_reason", "dbh_arc")}
+        measures = measure(encoding.tree, table, encoding.cloud.xyz, **dbh)
     return Reconstruction(
-        name=name or Path(source).stem or "tree",
+        name=name or Path(source).stem or DEFAULT_NAME,
         tree=encoding.tree,
-        cloud=prepared.cloud,
-        measures=measures,
-        cylinders=table,
-        report=encoding.report,
-        notes=tuple(dict.fromkeys((*cloud.notes, *prepared.notes, *encoding.report.notes))),
-        seconds=clock.seconds,
-        settings={"species": species, **reading, "prepare": asdict(prepare), "encode": asdict(encode)},
+        cloud=encoding.cloud,
+        measures=asdict(measures),
+        cylinders=move_cylinders(table, encoding.tree.origin),
+        report=report,
+        notes=tuple(dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes))),
+        seconds=_merged(clock.seconds, report.seconds),
+        settings={"species": species, **asdict(settings), **_used(encoding.tree), "read": reading},
         source=source,
         sha256=sha256,
     )
 
 
+def make_settings(settings: EncodeSettings | None = None, **options: Any) -> EncodeSettings:
+    """Return `settings` (the defaults if None) with the fields named in `options` changed, None excepted.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or there is no such field.
+    """
+    import recon
+
+    settings = settings if settings is not None else recon.EncodeSettings()
+    known = {*PREPARE_OPTIONS, *(key for key in asdict(settings) if key != "prepare")}
+    for key in options:
+        if key not in known:
+            raise InputError(f"there is no option {key!r}; the options are {', '.join(sorted(known))}.")
+    given = {key: value for key, value in options.items() if value is not None}
+    changed = {key: given.pop(key) for key in PREPARE_OPTIONS if key in given}
+    return replace(settings, **given, prepare=replace(settings.prepare, **changed))
+
+
 class Clock:
     """Wall-clock seconds of named stages, in the order in which they were first entered."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Callable[[str], object] | None = None) -> None:
         self.seconds: dict[str, float] = {}
+        self._progress = progress
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time spent inside to the stage `name`."""
+        if self._progress is not None:
+            self._progress(name)
         start = perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def _known_species(species: str | None) -> str | None:
+    """The species' name as the table spells it; InputError if it has none."""
+    import treegraph
+
+    wanted = treegraph.find_allometry(species)
+    if species is None:
+        return None
+    return next(name for name, allometry in treegraph.SPECIES_ALLOMETRY.items() if allometry is wanted)
+
+
+def _used(tree: ClusterTree) -> dict[str, float]:
+    """The allometry in force, in place of the settings that were left open."""
+    return {key: getattr(tree.allometry, key) for key in ("beta", "gamma", "f_s")}
+
+
+def _merged(outer: Mapping[str, float], inner: Mapping[str, float]) -> dict[str, float]:
+    """The stages of encoding in place of "encode" as a whole, and what it spent between them."""
+    rest = outer["encode"] - sum(inner.values())
+    seconds = {"read": outer["read"], **inner, "other": max(rest, 0.0), "measure": outer["measure"]}
+    return {**seconds, **{key: value for key, value in outer.items() if key not in (*seconds, "encode")}}
 
 
 def _read(scan: Any, reading: Mapping[str, Any], clock: Clock) -> tuple[Cloud, str, str]:
@@ -186,16 +231,16 @@ def _read(scan: Any, reading: Mapping[str, Any], clock: Clock) -> tuple[Cloud, s
 
     if isinstance(scan, str | os.PathLike):
         path = os.fspath(scan)
-        with clock.stage("read"):
-            cloud = recon.read_cloud(path, **reading)
-        with clock.stage("hash"):
+        given = {key: value for key, value in reading.items() if value is not None}
+        with clock.stage("read"), _about(path):
+            cloud = recon.read_cloud(path, **given)
             digest = _hash_file(path)
         return cloud, path, digest
+    if reading:
+        raise InputError(f"{', '.join(reading)}: only a file is read; leave it out for points.")
     with clock.stage("read"):
         cloud = recon.as_cloud(scan)
-    with clock.stage("hash"):
-        points = np.ascontiguousarray(cloud.xyz + cloud.origin)
-        digest = hashlib.sha256(points.tobytes()).hexdigest()
+        digest = hashlib.sha256(np.ascontiguousarray(cloud.xyz + cloud.origin).tobytes()).hexdigest()
     return cloud, cloud.source, digest
 
 
@@ -213,28 +258,3 @@ def _about(source: str) -> Iterator[None]:
         if not source or str(error).startswith(source):
             raise
         raise type(error)(f"{source}: {error}") from error
-
-
-def _refuse_plot(n_trees: int, settings: PrepareSettings) -> None:
-    if n_trees > 1 and not settings.largest and settings.tree_id is None and settings.base is None:
-        raise InputError(
-            f"this looks like {n_trees} trees, not one. Take the largest with --largest "
-            "(largest=True), or one of them by its foot with --base X,Y,Z."
-        )
-
-
-def _measure(
-    tree: ClusterTree, report: EncodeReport, xyz: NDArray[np.float64]
-) -> tuple[Measures, NDArray[np.void]]:
-    """Return the tree's measures and its cylinder table in the scan's own coordinates."""
-    table = cylinder_table(tree.graph)
-    measures = measure(
-        tree.graph,
-        table,
-        xyz,
-        n_clusters=len(tree.clusters),
-        dbh_m=report.dbh_m,
-        dbh_method=report.dbh_method,
-        dbh_reason=report.dbh_reason,
-    )
-    return measures, move_cylinders(table, tree.origin)

@@ -1,0 +1,128 @@
+"""The entry points ``reconstruct`` and ``sapwood``: parse, call, and turn errors into exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+# One thread per process: results must not depend on how many cores there are, and the maths libraries'
+# spinning threads cost small problems more than they bring. Read when NumPy is first imported.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import typer  # noqa: E402
+
+from sapwood.cli import options as o  # noqa: E402
+from sapwood.cli.decode import decode  # noqa: E402
+from sapwood.cli.doctor import doctor  # noqa: E402
+from sapwood.cli.info import info  # noqa: E402
+from sapwood.cli.preview import preview  # noqa: E402
+from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
+from sapwood.cli.terminal import Terminal  # noqa: E402
+
+__all__ = ["COMMANDS", "main", "make_app", "reconstruct_main", "sapwood_main"]
+
+OURS, THEIRS, INTERRUPTED = 1, 2, 130
+
+COMMANDS = {
+    "reconstruct": reconstruct,
+    "decode": decode,
+    "preview": preview,
+    "info": info,
+    "doctor": doctor,
+}
+
+_LOOK = {
+    "add_completion": False,
+    "rich_markup_mode": "rich",
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["--help", "-h"]},
+}
+
+
+def make_app(program: str) -> typer.Typer:
+    """The command line of ``reconstruct`` alone, or of ``sapwood`` with all commands."""
+    app = typer.Typer(**_LOOK)
+    if program == "reconstruct":
+        app.command()(reconstruct)
+        return app
+    for command in COMMANDS.values():
+        app.command()(command)
+    app.callback(no_args_is_help=True)(_sapwood)
+    return app
+
+
+def _sapwood(version: o.Version = False) -> None:
+    """A LiDAR scan of a tree becomes a compact living tree.
+
+    \b
+    Example:  sapwood reconstruct oak.laz -o out
+              sapwood decode out/oak.lobes -o oak.obj
+    """
+
+
+def main(program: str, arguments: Sequence[str]) -> int:
+    """Run a command and return its exit code: 0, 1 (our fault), 2 (input), 3 (some failed) or 130."""
+    terminal = Terminal(
+        as_json="--json" in arguments, verbose="-v" in arguments or "--verbose" in arguments, quiet=False
+    )
+    try:
+        code = typer.main.get_command(make_app(program)).main(
+            list(arguments), prog_name=program, standalone_mode=False
+        )
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone: `reconstruct --help | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = OURS
+    except Exception as error:  # noqa: BLE001 - the top: whatever it is becomes one line and an exit code
+        return _explain(terminal, program, error)
+    if code == INTERRUPTED:
+        terminal.error("interrupted; what was not finished has been removed.")
+    return int(code or 0)
+
+
+def _explain(terminal: Terminal, program: str, error: Exception) -> int:
+    """Say what went wrong in one line and return the exit code."""
+    from sapwood.batch import one_line
+    from treegraph.errors import FitError, FormatError, InputError
+
+    text, trace, code = one_line(error), "", THEIRS
+    if isinstance(error, OSError) and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}."
+    elif isinstance(error, MemoryError):
+        text = "memory ran out; thin the scan with --max-points."
+    elif _is_usage(error):
+        message: Any = error
+        text = f"{' '.join(message.format_message().split())} (`{program} --help` lists the options)"
+    elif not isinstance(error, InputError | FormatError | FitError):
+        trace = "".join(traceback.format_exception(error))
+        text, code = f"{type(error).__name__}: {text} ({REPORT_IT})", OURS
+    terminal.error(text, trace)
+    terminal.json(program, error={"message": text, "exit_code": code})
+    return code
+
+
+def _is_usage(error: Exception) -> bool:
+    """Whether the command line could not be parsed; the class has another home in each version of typer."""
+    return hasattr(error, "format_message") and getattr(error, "exit_code", None) is not None
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def reconstruct_main() -> None:
+    """Entry point of ``reconstruct``."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    sys.exit(main("reconstruct", sys.argv[1:]))
+
+
+def sapwood_main() -> None:
+    """Entry point of ``sapwood``."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    sys.exit(main("sapwood", sys.argv[1:]))

@@ -1,0 +1,139 @@
+"""``preview``: a picture of a tree, or of a scan beside the tree in it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from sapwood.cli import options as o
+from sapwood.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from treegraph import ClusterTree
+
+
+def preview(
+    source: o.LobesOrScan,
+    output: Annotated[
+        Path,
+        o.option(
+            o.OUTPUT,
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Ends in .png or .jpg; with --turntable in .gif.",
+            show_default=False,
+        ),
+    ],
+    scan: Annotated[
+        Path | None,
+        o.option(o.OUTPUT, "--scan", metavar="SCAN", help="Draw this scan beside X.lobes."),
+    ] = None,
+    turntable: Annotated[
+        bool, o.option(o.OUTPUT, "--turntable", help="Draw the tree from all sides.")
+    ] = False,
+    frames: Annotated[
+        int,
+        o.option(o.OUTPUT, "--frames", metavar="N", min=1, max=720, help="Pictures in a turn."),
+    ] = 36,
+    size: Annotated[
+        str | None,
+        o.option(o.OUTPUT, "--size", metavar="WxH", help="In pixels. (default: 1024 high)"),
+    ] = None,
+    azimuth_deg: Annotated[
+        float | None,
+        o.option(
+            o.OUTPUT,
+            "--azimuth",
+            metavar="DEG",
+            help="Where the camera stands, from +x towards +y. (default: before the broad side)",
+        ),
+    ] = None,
+    renderer: Annotated[o.Renderer, o.option(o.OUTPUT, "--renderer", help="What draws.")] = o.Renderer.auto,
+    force: o.Force = False,
+    seed: o.Seed = 0,
+    as_json: o.Json = False,
+    quiet: o.Quiet = False,
+    verbose: o.Verbose = False,
+    version: o.Version = False,
+) -> int:
+    """Draw a tree; of a scan, the scan beside the tree that is found in it.
+
+    \b
+    Example:  sapwood preview out/oak.lobes -o oak.png
+              sapwood preview oak.laz -o oak.png
+              sapwood preview out/oak.lobes -o oak.gif --turntable
+    """
+    from sapwood.outputs import check_free
+
+    terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
+    check_free([output], force=force)
+    _check_suffix(output, turntable)
+    look: dict[str, Any] = {"renderer": renderer.value}
+    if size is not None:
+        look["size"] = o.parse_size(size)
+    with terminal.progress(None, f"{source}: drawing"):
+        tree, points = _load(terminal, source, scan)
+        if turntable:
+            drawn = _draw(output, force, "turntable", tree, frames=frames, **look)
+        else:
+            look["azimuth"] = None if azimuth_deg is None else math.radians(azimuth_deg)
+            drawn = _draw(output, force, "preview", tree, scan=points, **look)
+    if drawn.notice:
+        terminal.notice(drawn.notice)
+    terminal.result(str(output))
+    height, width = drawn.image.shape[:2]
+    terminal.json(
+        "preview",
+        input=str(source),
+        output=str(output),
+        renderer=drawn.renderer,
+        width=width,
+        height=height,
+        seed=seed,
+    )
+    return 0
+
+
+def _check_suffix(output: Path, turntable: bool) -> None:
+    from treegraph.errors import InputError
+
+    allowed = (".gif",) if turntable else (".png", ".jpg", ".jpeg")
+    if output.suffix.lower() not in allowed:
+        what = "a turntable" if turntable else "a picture"
+        raise InputError(f"{output}: the name of {what} must end in {' or '.join(allowed)}.")
+
+
+def _load(terminal: Terminal, source: Path, scan: Path | None) -> tuple[ClusterTree, Any]:
+    """The tree, and the points that are drawn beside it: (xyz, color) in the tree's frame, or None."""
+    from sapwood.trees import is_lobes, read_tree
+    from treegraph.errors import InputError
+
+    if is_lobes(source):
+        tree = read_tree(source)
+        if scan is None:
+            return tree, None
+        import recon
+
+        cloud = recon.read_cloud(scan)
+        return tree, (cloud.xyz + (cloud.origin - tree.origin), cloud.color)
+    if scan is not None:
+        raise InputError(
+            f"{source}: --scan goes with a .lobes file; a scan is drawn beside its own tree anyway."
+        )
+    from sapwood.pipeline import reconstruct
+
+    made = reconstruct(source)
+    for note in made.notes:
+        terminal.note(f"{made.name}: {note}")
+    return made.tree, (made.cloud.xyz, made.cloud.color)
+
+
+def _draw(output: Path, force: bool, what: str, tree: ClusterTree, **look: Any) -> Any:
+    import render
+    from sapwood.outputs import write_whole
+
+    drawn = []
+    write_whole(output, lambda path: drawn.append(getattr(render, what)(tree, path, **look)), force=force)
+    return drawn[0]

@@ -1,0 +1,244 @@
+"""``reconstruct``: scans become trees."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+from sapwood.cli import options as o
+from sapwood.cli.terminal import Progress, Terminal
+
+if TYPE_CHECKING:
+    from sapwood.batch import Job, Outcome
+
+STAGES = {
+    "read": "reading",
+    "encode": "finding the tree",
+    "measure": "measuring",
+    "write": "writing and drawing",
+}
+FAILED_ALL, FAILED_OURS, FAILED_SOME = 2, 1, 3
+REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and with `sapwood doctor --json`"
+
+
+def reconstruct(
+    scans: o.Scans,
+    output: Annotated[
+        Path,
+        o.option(o.OUTPUT, "--output", "-o", metavar="DIR", help="Where the files go.", show_default=False),
+    ],
+    species: o.Species = None,
+    f_s: o.FS = None,
+    beta: o.Beta = None,
+    gamma: o.Gamma = None,
+    max_nodes: o.MaxNodes = None,
+    units: o.UnitsOption = None,
+    up: o.UpOption = o.Up.z,
+    base: o.Base = None,
+    largest: o.Largest = False,
+    tree_id: o.TreeId = None,
+    keep_ground: o.KeepGround = False,
+    max_points: o.MaxPoints = None,
+    as_points: o.AsPoints = False,
+    decimal: o.DecimalOption = None,
+    no_preview: Annotated[bool, o.option(o.OUTPUT, "--no-preview", help="Do not draw NAME.png.")] = False,
+    turntable: Annotated[
+        bool,
+        o.option(o.OUTPUT, "--turntable", help="Draw NAME.gif, the tree from all sides."),
+    ] = False,
+    force: o.Force = False,
+    jobs: Annotated[
+        int,
+        o.option(o.RUN, "--jobs", "-j", metavar="N", min=1, help="Scans done side by side."),
+    ] = 1,
+    seed: o.Seed = 0,
+    as_json: o.Json = False,
+    quiet: o.Quiet = False,
+    verbose: o.Verbose = False,
+    version: o.Version = False,
+) -> int:
+    """Reconstruct the trees in LiDAR scans.
+
+    \b
+    Example:  reconstruct oak.laz -o out
+              reconstruct plots/ "more/*.ply" -o out --jobs 4
+
+    For each scan NAME it writes
+
+    \b
+    NAME.lobes          the tree, a few kilobytes
+    NAME.glb            its mesh
+    NAME.cylinders.csv  its cylinders, in the scan's coordinates
+    NAME.png            the scan beside the model
+    NAME.json           its measures, and how it was made
+    """
+    terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
+    reading = {
+        "species": species,
+        "f_s": f_s,
+        "beta": beta,
+        "gamma": gamma,
+        "max_nodes": max_nodes,
+        **scan_options(units, up, base, largest, tree_id, keep_ground, max_points, as_points, decimal),
+    }
+    saving = {"preview": not no_preview, "turntable": turntable, "force": force, "seed": seed}
+    return run(terminal, scans, output, reading, saving, jobs)
+
+
+def scan_options(
+    units: o.Units | None,
+    up: o.Up,
+    base: str | None,
+    largest: bool,
+    tree_id: int | None,
+    keep_ground: bool,
+    max_points: int | None,
+    as_points: bool,
+    decimal: o.Decimal | None,
+) -> dict[str, Any]:
+    """What the user said of the scan, as :func:`sapwood.reconstruct` takes it."""
+    said = {
+        "units": units.value if units else None,
+        "up": up.value,
+        "base": o.parse_point(base) if base else None,
+        "largest": largest,
+        "tree_id": tree_id,
+        "keep_ground": keep_ground,
+        "max_points": max_points,
+        "as_points": as_points,
+        "decimal": decimal.value if decimal else None,
+    }
+    return {key: value for key, value in said.items() if value is not None}
+
+
+def run(
+    terminal: Terminal,
+    scans: Sequence[str],
+    folder: Path,
+    reading: dict[str, Any],
+    saving: dict[str, Any],
+    n_workers: int,
+) -> int:
+    """Do the scans, say what came of them, and return the exit code."""
+    from sapwood.batch import DONE, Job
+    from sapwood.naming import find_scans, name_scans
+    from sapwood.outputs import Staging, check_free
+    from sapwood.saving import output_names
+
+    start = perf_counter()
+    paths = find_scans(scans)
+    names = name_scans(paths)
+    _check_options(reading)
+    wanted = {"preview": saving["preview"], "turntable": saving["turntable"]}
+    check_free(
+        [folder / file for name in names for file in output_names(name, **wanted)], force=saving["force"]
+    )
+    outcomes: list[Outcome] = []
+    with Staging(folder) as staging:
+        jobs = [
+            Job(str(path), name, str(folder), str(staging.path), reading, saving)
+            for path, name in zip(paths, names, strict=True)
+        ]
+        for outcome in _outcomes(terminal, jobs, n_workers):
+            outcomes.append(outcome)
+            _say(terminal, outcome, len(outcomes), len(jobs))
+    outcomes.sort(key=lambda outcome: names.index(outcome.job.name))
+    failed = [outcome for outcome in outcomes if outcome.kind != DONE]
+    _say_failures(terminal, failed, len(outcomes))
+    terminal.json(
+        "reconstruct",
+        output=str(folder),
+        trees=[outcome.report for outcome in outcomes if outcome.kind == DONE],
+        failed=[
+            {"scan": f.job.scan, "name": f.job.name, "kind": f.kind, "message": f.message} for f in failed
+        ],
+        seconds=round(perf_counter() - start, 3),
+    )
+    return _exit_code(outcomes, failed)
+
+
+def _check_options(reading: dict[str, Any]) -> None:
+    """Find a misspelt species or a value out of range before any scan is read."""
+    from sapwood.pipeline import READ_OPTIONS, make_settings
+    from treegraph import find_allometry
+
+    find_allometry(reading["species"])
+    skipped = ("species", *READ_OPTIONS)
+    make_settings(**{key: value for key, value in reading.items() if key not in skipped})
+
+
+def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Iterator[Outcome]:
+    """What comes of each scan: one is done here, several by workers."""
+    from sapwood.batch import run_batch, run_job
+
+    if len(jobs) == 1:
+        with terminal.progress(None, jobs[0].name) as line:
+            outcome = run_job(jobs[0], _stage_sayer(line, jobs[0].name))
+        yield outcome
+        return
+    with terminal.progress(len(jobs), "scans") as bar:
+        for outcome in run_batch(jobs, min(n_workers, len(jobs))):
+            bar.advance()
+            yield outcome
+
+
+def _stage_sayer(line: Progress, name: str) -> Any:
+    return lambda stage: line.say(f"{name}: {STAGES.get(stage, stage)}")
+
+
+def _say(terminal: Terminal, outcome: Outcome, done: int, total: int) -> None:
+    """One line for a finished scan, and one for each remark on it."""
+    from sapwood.batch import DONE
+
+    name = outcome.job.name
+    if outcome.kind != DONE or outcome.report is None:
+        if total > 1 and not terminal.shows_progress:
+            terminal.log(f"[{done}/{total}] {name}: failed")
+        return
+    for note in outcome.report["notes"]:
+        terminal.note(f"{name}: {note}")
+    for notice in outcome.notices:
+        terminal.notice(notice)
+    if total > 1 and not terminal.shows_progress:
+        terminal.log(f"[{done}/{total}] {name}: done in {sum(outcome.report['seconds'].values()):.1f} s")
+    terminal.result(describe(outcome.report, outcome.job.folder))
+
+
+def describe(report: dict[str, Any], folder: str) -> str:
+    """A line on a tree."""
+    said = [f"{report['height_m']:.1f} m high"]
+    if report["dbh_m"] is not None:
+        said.append(f"DBH {100 * report['dbh_m']:.1f} cm")
+    else:
+        said.append(f"no DBH ({report['dbh_reason']})")
+    if report["crown_width_m"] is not None:
+        said.append(f"crown {report['crown_width_m']:.1f} m wide")
+    said.append(f"{1000 * report['wood_volume_m3']:.0f} L of wood")
+    said.append(f"{report['n_nodes']} nodes")
+    said.append(f"{report['n_clusters']} clusters")
+    size = f"{report['bytes'] / 1000:.1f} kB"
+    return f"{report['name']}: {', '.join(said)} -> {os.path.join(folder, report['name'])}.lobes ({size})"
+
+
+def _say_failures(terminal: Terminal, failed: Sequence[Outcome], total: int) -> None:
+    from sapwood.batch import DIED, INTERNAL
+
+    if failed and total > 1:
+        terminal.error(f"{len(failed)} of {total} scans failed:")
+    for outcome in failed:
+        ours = f" ({REPORT_IT})" if outcome.kind == INTERNAL else ""
+        ours = f" ({REPORT_IT})" if outcome.kind == DIED and "compiled" in outcome.message else ours
+        terminal.error(outcome.message + ours, outcome.trace)
+
+
+def _exit_code(outcomes: Sequence[Outcome], failed: Sequence[Outcome]) -> int:
+    from sapwood.batch import INPUT
+
+    if not failed:
+        return 0
+    if len(failed) < len(outcomes):
+        return FAILED_SOME
+    return FAILED_ALL if all(outcome.kind == INPUT for outcome in failed) else FAILED_OURS

@@ -1,0 +1,132 @@
+"""What the commands say: results to stdout, everything else to stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from sapwood._version import SCHEMA_VERSION, __version__
+
+__all__ = ["Terminal"]
+
+
+class Terminal:
+    """Where a command's words go.
+
+    Parameters
+    ----------
+    as_json : bool
+        Results are one JSON object; plain ones are left out.
+    quiet : bool
+        Only errors are said, and no results but JSON.
+    verbose : bool
+        Tracebacks too.
+    """
+
+    def __init__(self, *, as_json: bool = False, quiet: bool = False, verbose: bool = False) -> None:
+        self.as_json = as_json
+        self.quiet = quiet
+        self.verbose = verbose
+        self._said: set[str] = set()
+        self._progress: Any = None
+        self._held: list[str] = []
+
+    def result(self, text: str) -> None:
+        """A line of the result, for people; while a bar is drawn it waits."""
+        if self.as_json or self.quiet:
+            return
+        if self._progress is not None:
+            self._held.append(text)
+        else:
+            sys.stdout.write(text + "\n")
+            sys.stdout.flush()
+
+    def json(self, command: str, **fields: Any) -> None:
+        """The result, for machines."""
+        if self.as_json:
+            said = {"schema_version": SCHEMA_VERSION, "command": command, "version": __version__, **fields}
+            sys.stdout.write(json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+            sys.stdout.flush()
+
+    def log(self, text: str) -> None:
+        """What is going on."""
+        if not self.quiet:
+            self._write(text)
+
+    def note(self, text: str) -> None:
+        """A remark on the input."""
+        self.log(f"note: {text}")
+
+    def notice(self, text: str) -> None:
+        """A remark on this machine; said once."""
+        if text not in self._said:
+            self._said.add(text)
+            self.note(text)
+
+    def error(self, text: str, trace: str = "") -> None:
+        """What went wrong; said even when quiet."""
+        if trace and self.verbose:
+            self._write(trace.rstrip())
+        self._write(f"error: {text}")
+
+    @property
+    def shows_progress(self) -> bool:
+        """Whether progress is drawn rather than logged."""
+        return sys.stderr.isatty() and not self.quiet
+
+    @contextmanager
+    def progress(self, total: int | None, what: str) -> Iterator[Progress]:
+        """A bar over `total` things, or a line that turns if that is None, while the block runs."""
+        if not self.shows_progress:
+            yield Progress(None, None)
+            return
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            SpinnerColumn,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+        from rich.progress import Progress as Bar
+
+        counted = [BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()] if total is not None else []
+        text = TextColumn("{task.description}", markup=False)
+        bar = Bar(SpinnerColumn(), text, *counted, console=Console(stderr=True), transient=True)
+        with bar:
+            self._progress = bar
+            try:
+                yield Progress(bar, bar.add_task(what, total=total))
+            finally:
+                self._progress = None
+        held, self._held = self._held, []
+        for line in held:
+            self.result(line)
+
+    def _write(self, text: str) -> None:
+        if self._progress is not None:
+            self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            sys.stderr.write(text + "\n")
+            sys.stderr.flush()
+
+
+class Progress:
+    """A bar that is drawn, or nothing."""
+
+    def __init__(self, bar: Any, task: Any) -> None:
+        self._bar = bar
+        self._task = task
+
+    def advance(self) -> None:
+        """One thing is done."""
+        if self._bar is not None:
+            self._bar.advance(self._task)
+
+    def say(self, text: str) -> None:
+        """What is being done."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=text)

@@ -1,0 +1,112 @@
+"""Trees from their files, and files of other formats from trees."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sapwood.outputs import write_whole
+from treegraph.errors import FitError, FormatError, InputError, TreeError
+
+if TYPE_CHECKING:
+    from treegraph import ClusterTree
+
+__all__ = ["DECODED", "is_lobes", "read_tree", "write_tree"]
+
+DECODED = (".glb", ".obj", ".ply", ".swc", ".csv")
+"""What a tree can be decoded to, by the suffix of the file."""
+
+MESHES = (".glb", ".obj", ".ply")
+
+
+def is_lobes(path: str | os.PathLike[str]) -> bool:
+    """Whether `path` is meant as a tree rather than a scan: by its name, as scans have many."""
+    return Path(path).suffix.lower() == ".lobes"
+
+
+def read_tree(path: str | os.PathLike[str]) -> ClusterTree:
+    """Read a ``.lobes`` file.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it cannot be read.
+    FormatError
+        If it is damaged or something else; the message begins with the path.
+    """
+    import treegraph
+
+    name = os.fspath(path)
+    try:
+        return treegraph.read_lobes(path)
+    except FileNotFoundError:
+        raise InputError(f"{name}: there is no such file.") from None
+    except IsADirectoryError:
+        raise InputError(f"{name}: this is a folder; name a .lobes file in it.") from None
+    except OSError as error:
+        raise InputError(f"{name}: the file cannot be read ({error.strerror}).") from None
+    except (FormatError, TreeError, FitError) as error:
+        if str(error).startswith(name):
+            raise
+        text = str(error).removeprefix(Path(name).name).lstrip(":, ")
+        raise FormatError(f"{name}: {text}") from error
+
+
+def write_tree(
+    tree: ClusterTree,
+    path: str | os.PathLike[str],
+    *,
+    detail: str = "normal",
+    local: bool = False,
+    force: bool = False,
+) -> Path:
+    """Write a tree in the format that the suffix of `path` names.
+
+    Parameters
+    ----------
+    tree : ClusterTree
+    path : path
+        Ends in ``.glb``, ``.obj``, ``.ply`` (meshes), ``.swc`` (the graph) or ``.csv`` (the cylinders).
+    detail : {"fine", "normal", "coarse"}
+        Of a mesh.
+    local : bool
+        Write the graph or the cylinders relative to the foot of the trunk rather than in the scan's own
+        coordinates. A mesh always is: single precision has no room for map coordinates.
+    force : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, or the file exists and `force` is not set, or it cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in DECODED:
+        raise InputError(f"{os.fspath(path)}: the name must end in one of {' '.join(DECODED)}.")
+    writer = _write_mesh if suffix in MESHES else _write_graph
+    return write_whole(path, lambda part: writer(tree, part, suffix, detail, local), force=force)
+
+
+def _write_mesh(tree: ClusterTree, path: Path, suffix: str, detail: str, local: bool) -> None:
+    import render
+
+    parts = render.tree_parts(tree, render.DETAIL[detail])
+    if suffix == ".glb":
+        extras: dict[str, Any] = {"origin": tree.origin.tolist(), "epsg": tree.epsg}
+        render.write_glb(path, parts, extras=extras)
+    elif suffix == ".obj":
+        render.write_obj(path, parts)
+    else:
+        render.write_ply(path, parts)
+
+
+def _write_graph(tree: ClusterTree, path: Path, suffix: str, detail: str, local: bool) -> None:
+    import treegraph
+    from sapwood.cylinders import cylinder_table, format_cylinders
+
+    origin = (0.0, 0.0, 0.0) if local else tree.origin
+    if suffix == ".csv":
+        path.write_text(format_cylinders(cylinder_table(tree.graph, origin)), encoding="ascii")
+    else:
+        treegraph.write_swc(tree.graph.replace(position=tree.graph.position + origin), path)
