@@ -97,26 +97,41 @@ def _find(root, i):
 
 @_jit
 def slice_labels(start, neighbour, level):
-    """Connected components of points that share a level, numbered by level, then by point."""
+    """Connected pieces of points that share a level, numbered by level, then by point.
+
+    Two points of a level hang together if a way between them leaves it by no more than one level:
+    thin slices of a sparsely hit trunk are full of holes.
+    """
     n = level.size
-    root = np.arange(n)
-    for i in range(n):
-        for e in range(start[i], start[i + 1]):
-            j = neighbour[e]
-            if j < i and level[j] == level[i]:
-                a = _find(root, i)
-                b = _find(root, j)
-                if a != b:
-                    root[max(a, b)] = min(a, b)
+    piece = np.empty(n, np.int64)
+    root = np.empty(n, np.int64)
+    for shift in range(3):  # slabs of three levels with the middle one at shift, shift + 3, ...
+        for i in range(n):
+            root[i] = i
+        for i in range(n):
+            slab = (level[i] - shift + 1) // 3
+            for e in range(start[i], start[i + 1]):
+                j = neighbour[e]
+                if j < i and (level[j] - shift + 1) // 3 == slab:
+                    a = _find(root, i)
+                    b = _find(root, j)
+                    if a != b:
+                        root[max(a, b)] = min(a, b)
+        for i in range(n):
+            if (level[i] - shift) % 3 == 0:
+                piece[i] = _find(root, i)
     order = np.argsort(level, kind="mergesort")
     label = np.full(n, -1, np.int32)
+    at = np.full(n, -1, np.int32)  # number of the piece, as last met
+    met = np.full(n, -1, np.int32)  # and at which level
     count = 0
     for i in order:
-        a = _find(root, i)
-        if label[a] < 0:
-            label[a] = count
+        g = piece[i]
+        if at[g] < 0 or met[g] != level[i]:
+            at[g] = count
+            met[g] = level[i]
             count += 1
-        label[i] = label[a]
+        label[i] = at[g]
     return label, count
 
 
@@ -209,15 +224,26 @@ def paths_through(order, before):
 
 @_jit
 def slice_extents(xyz, label, mean, count):
-    """Root mean square distance of the points of each group from their mean."""
-    out = np.zeros(mean.shape[0])
+    """Root mean square distance of the points of each group from their mean, and how much the
+    distances vary: their standard deviation over their mean, 0 for a ring, 0.35 for a disc."""
+    n_groups = mean.shape[0]
+    square = np.zeros(n_groups)
+    first = np.zeros(n_groups)
     for i in range(label.size):
         g = label[i]
+        d = 0.0
         for c in range(3):
-            out[g] += (xyz[i, c] - mean[g, c]) ** 2
-    for g in range(mean.shape[0]):
-        out[g] = np.sqrt(out[g] / max(count[g], 1))
-    return out
+            d += (xyz[i, c] - mean[g, c]) ** 2
+        square[g] += d
+        first[g] += np.sqrt(d)
+    extent = np.empty(n_groups)
+    variation = np.empty(n_groups)
+    for g in range(n_groups):
+        n = max(count[g], 1)
+        extent[g] = np.sqrt(square[g] / n)
+        middle = first[g] / n
+        variation[g] = np.sqrt(max(square[g] / n - middle * middle, 0.0)) / max(middle, 1e-12)
+    return extent, variation
 
 
 @_jit
@@ -295,4 +321,30 @@ def morton_codes(xyz, low, cell):
         y = np.int64((xyz[i, 1] - low[1]) / cell)
         z = np.int64((xyz[i, 2] - low[2]) / cell)
         out[i] = _spread_bits(x) | (_spread_bits(y) << 1) | (_spread_bits(z) << 2)
+    return out
+
+
+@_jit
+def wide_slices(parent, extent, variation, count, widest, ring, few, growth, share):
+    """True for slices wider than `widest` that are neither a ring nor the sequel of a tube.
+
+    A ring has at least `few` points whose distances from the middle vary by at most `ring`. The sequel
+    of a tube follows a slice that is not too wide, as the only child of more than `share` of its
+    points, and is no more than `growth` times as wide as the tube was where it last was narrow enough.
+    """
+    n = parent.size
+    out = np.zeros(n, np.bool_)
+    heirs = np.zeros(n, np.int32)
+    for i in range(1, n):
+        if count[i] > share * count[parent[i]]:
+            heirs[parent[i]] += 1
+    tube = extent.copy()
+    for i in range(1, n):
+        if extent[i] <= widest[i] or (variation[i] <= ring and count[i] >= few):
+            continue
+        p = parent[i]
+        if not out[p] and heirs[p] == 1 and count[i] > share * count[p] and extent[i] <= growth * tube[p]:
+            tube[i] = tube[p]
+        else:
+            out[i] = True
     return out

@@ -540,6 +540,59 @@ def absorb_into_tubes(parent, onward, position, tube, extent, slack):
 
 
 @_jit
+def absorb_rims(head, parent, onward, position, tube, into, reach, slack):
+    """Give the end of a chain back to its tube where it only runs along the tube's rim.
+
+    Where a thick tube ends, the last slices are pieces of its rim, off the axis. The end goes if
+    all of it lies within `reach` radii beyond the last circle and (1 + slack) radii of the axis.
+    Nodes that carry side chains are left. Changes `into`.
+    """
+    n = onward.size
+    row = np.empty(n, np.int64)
+    forks = np.zeros(n, np.int32)
+    for i in range(n):
+        if parent[i] >= 0 and onward[parent[i]] != i and into[i] == i:
+            forks[parent[i]] += 1
+    d = np.empty(3)
+    for h in head:
+        m = 0
+        last = -1
+        i = h
+        while i >= 0:
+            row[m] = i
+            if math.isfinite(tube[i]):
+                last = m
+            m += 1
+            i = onward[i]
+        if last < 1 or last == m - 1:
+            continue
+        end = row[last]
+        r = tube[end]
+        back = last
+        while back > 0 and _distance(position, row[back], end) < 2 * r:
+            back -= 1
+        norm = _distance(position, row[back], end)
+        if norm <= 0:
+            continue
+        for c in range(3):
+            d[c] = (position[end, c] - position[row[back], c]) / norm
+        rim = True
+        for k in range(last + 1, m):
+            along = 0.0
+            square = 0.0
+            for c in range(3):
+                e = position[row[k], c] - position[end, c]
+                along += e * d[c]
+                square += e * e
+            off = math.sqrt(max(square - along * along, 0.0))
+            if along > reach * r or off > r * (1 + slack) or forks[row[k]] > 0:
+                rim = False
+        if rim:
+            for k in range(last + 1, m):
+                into[row[k]] = end
+
+
+@_jit
 def refine_tubes(
     xyz, point_start, point, parent, onward, position, radius, is_tube, anchor, hold, rounds, stiff, stiff_r
 ):

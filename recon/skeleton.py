@@ -26,6 +26,10 @@ BASE_REACH = 1.5  # looked for within this times the distance of the nearest poi
 BASE_HEIGHT = 0.05  # and at least this, metres
 STEM_FLOW = 0.5  # slices with this share of all paths through them belong to the stem
 WIDE_FACTOR = 2.0  # branches may be this much wider than the pipe model says ...
+RING_VARIATION = 0.25  # distances from the middle vary less, relative to their mean, in rings: never too wide
+MIN_RING_POINTS = 12
+SEQUEL_GROWTH = 1.1  # a tube may go on so much wider than it was ...
+SEQUEL_SHARE = 0.2  # ... if no other child slice has this share of its points
 WIDE_SLICES = 1.0  # ... plus this many slices
 
 
@@ -150,14 +154,17 @@ def _split_wide(
     from recon import _skeleton_kernels as kernels
 
     mean, count = kernels.group_means(xyz, label, n_nodes)
-    extent = kernels.slice_extents(xyz, label, mean, count)
+    extent, variation = kernels.slice_extents(xyz, label, mean, count)
     through = kernels.paths_through(np.argsort(distance, kind="stable"), before)
     flow = kernels.slice_flow(label, n_nodes, before, through) / through.size
     flow[0] = 1.0
     stem = flow > STEM_FLOW
     widest = WIDE_FACTOR * np.median(extent[stem]) * np.sqrt(flow) + WIDE_SLICES * width
     widest[0] = np.inf
-    too_wide = extent > widest
+    parent = kernels.slice_parents(label, n_nodes, before)
+    too_wide = kernels.wide_slices(
+        parent, extent, variation, count, widest, RING_VARIATION, MIN_RING_POINTS, SEQUEL_GROWTH, SEQUEL_SHARE
+    )
     return kernels.split_slices(label, too_wide, np.maximum(widest, 2 * width), distance, before)
 
 

@@ -30,6 +30,7 @@ MEDIAN_WINDOW = 4  # circles are compared with the median of so many on either s
 MEDIAN_TOLERANCE = 0.3
 CHILD_SHARE = 1.0  # a side chain is at most this much as thick as its parent
 TUBE_SLACK = 0.2  # a slice this far outside a tube, in radii, still belongs to it
+RIM_REACH = 1.5  # a chain that ends within so many radii of its last circle may be the tube's rim
 BRIDGE_REACH = 10.0  # centres between two circles no farther apart are put in line, in radii
 REFINE_ROUNDS = 6
 POLISH_ROUNDS = 8
@@ -96,6 +97,9 @@ def absorb(skeleton: Skeleton, tube: np.ndarray, centre: np.ndarray, extent: np.
 
     chains = chains_of(skeleton)
     into = tubes.absorb_into_tubes(skeleton.parent, chains.onward, centre, tube, extent, TUBE_SLACK)
+    tubes.absorb_rims(
+        chains.head, skeleton.parent, chains.onward, centre, tube, into, RIM_REACH, TUBE_SLACK
+    )
     return merge_nodes(skeleton, into)
 
 

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from synthetic import crown, forked_tree
+
+from recon import EncodeSettings, encode_with_report
+from recon.clusters import separate
+from recon.hulls import mesh_volume
+
+
+def leafy_tree(rng, **options):
+    return np.concatenate([forked_tree(rng), crown(rng, **options)])
+
+
+def encoded(xyz, **settings):
+    return encode_with_report(xyz, settings=EncodeSettings(**settings))
+
+
+def test_a_leafless_tree_has_no_clusters(rng):
+    result = encoded(forked_tree(rng))
+    assert result.tree.clusters == () and result.report.f_s == 1.0
+
+
+def test_a_leafy_tree_has_them_around_its_leaves(rng):
+    xyz = leafy_tree(rng)
+    result = encoded(xyz)
+    tree, origin = result.tree, result.tree.origin
+    assert result.report.f_s < 1
+    assert 5 <= len(tree.clusters) <= 80
+    everything = np.concatenate([c.vertices for c in tree.clusters]) + origin
+    leaves = xyz[len(xyz) - 6000 :]
+    np.testing.assert_allclose(everything.min(axis=0), leaves.min(axis=0), atol=0.25)
+    np.testing.assert_allclose(everything.max(axis=0), leaves.max(axis=0), atol=0.25)
+    assert sum(c.n_points for c in tree.clusters) > 0.8 * len(leaves)
+    for cluster in tree.clusters:
+        volume = mesh_volume(cluster.vertices, cluster.faces)
+        assert volume > 0
+        assert cluster.density == pytest.approx(cluster.n_points / volume, rel=1e-6)
+        assert len(cluster.faces) <= 80
+        assert cluster.seed.size and (cluster.seed < tree.graph.n_nodes).all()
+
+
+def test_f_s_1_makes_no_clusters_of_leaves(rng):
+    assert encoded(leafy_tree(rng), f_s=1.0).tree.clusters == ()
+
+
+def test_smaller_f_s_gives_more_to_the_clusters(rng):
+    xyz = leafy_tree(rng)
+    length = []
+    for f_s in (0.99, 0.9, 0.6, 0.3):
+        graph = encoded(xyz, f_s=f_s).tree.graph
+        length.append(np.linalg.norm(graph.position[1:] - graph.position[graph.parent[1:]], axis=1).sum())
+    assert length == sorted(length, reverse=True)
+    assert length[-1] < 0.7 * length[0]
+
+
+def test_max_clusters_sets_their_number(rng):
+    xyz = leafy_tree(rng)
+    few, many = (len(encoded(xyz, max_clusters=k).tree.clusters) for k in (3, 60))
+    assert few < many
+    assert few <= 8
+
+
+def slow_separate(xyz, reach):
+    piece = np.arange(len(xyz))
+    for i in range(len(xyz)):
+        near = np.linalg.norm(xyz - xyz[i], axis=1) <= reach
+        piece[np.isin(piece, piece[near])] = piece[i]
+    return piece
+
+
+def test_separate_finds_the_pieces(rng):
+    blobs = [rng.random((60, 3)) * 0.3 + centre for centre in ((0, 0, 0), (2, 0, 0), (0, 0, 1.5))]
+    xyz = np.concatenate(blobs)[rng.permutation(180)]
+    got, wanted = separate(xyz, 0.4), slow_separate(xyz, 0.4)
+    assert got.max() + 1 == len(np.unique(wanted)) == 3
+    for k in range(3):
+        assert len(np.unique(wanted[got == k])) == 1
+
+
+def test_strays_are_in_no_cluster(rng):
+    xyz = np.concatenate([leafy_tree(rng), [[3.5, 3.5, 4.0]]])
+    top = np.concatenate([c.vertices for c in encoded(xyz).tree.clusters])
+    assert top[:, :2].max() < 2.6

@@ -1,0 +1,86 @@
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from recon import _tube_kernels as kernels
+from recon.radii import final_radii
+from recon.skeleton import Skeleton
+
+
+def skeleton(parent, position, radius, n_points, is_tube):
+    parent = np.asarray(parent, np.int32)
+    label = np.repeat(np.arange(parent.size), n_points).astype(np.int32)
+    return Skeleton(
+        parent,
+        np.asarray(position, float),
+        np.asarray(radius, float),
+        label,
+        label,
+        np.asarray(is_tube, bool),
+        np.ones(parent.size),
+        0.05,
+        0.01,
+    )
+
+
+def straight(radius, n_points, is_tube):
+    n = len(radius)
+    position = np.stack([np.zeros(n), np.zeros(n), np.arange(n, dtype=float)], 1)
+    return skeleton([-1, *range(n - 1)], position, radius, n_points, is_tube)
+
+
+def test_beyond_the_last_circle_eq_3_1_holds():
+    # l(u) above nodes 0..4 of a chain of four metres, edges below included: 4, 4, 3, 2, 1
+    chain = straight([0.2, 0.2, np.nan, np.nan, np.nan], [50, 50, 0, 0, 0], [1, 1, 0, 0, 0])
+    chain.radius[2:] = 0.5
+    radius, measured = final_radii(chain, 1.5)
+    npt.assert_allclose(radius[:2], 0.2)
+    npt.assert_allclose(radius[2:], 0.2 * (np.array([3, 2, 1]) / 4) ** 1.5)
+    assert measured.tolist() == [True, True, False, False, False]
+
+
+def test_points_that_cannot_be_wood_are_not_believed():
+    far = straight([0.1, 0.1, 0.4, 0.4], [50, 50, 20, 20], [1, 1, 0, 0])
+    near = straight([0.1, 0.1, 0.05, 0.04], [50, 50, 20, 20], [1, 1, 0, 0])
+    assert final_radii(far, 1.5)[0][2] == pytest.approx(0.1 * (2 / 3) ** 1.5)
+    assert final_radii(near, 1.5)[0][2] == pytest.approx(0.05 * np.sqrt(20 / 19))
+
+
+def test_a_bulge_is_pooled_not_followed():
+    chain = straight([0.2, 0.1, 0.15, 0.05], [100, 100, 100, 100], [1, 1, 1, 1])
+    npt.assert_allclose(final_radii(chain, 1.5)[0], [0.2, 0.125, 0.125, 0.05])
+
+
+def test_a_side_branch_is_no_thicker_than_its_parent():
+    fork = skeleton(
+        [-1, 0, 1, 1, 3],
+        [[0, 0, 0], [0, 0, 2], [0, 0, 6], [1, 0, 2], [2, 0, 2]],
+        [0.1, 0.1, 0.08, 0.3, 0.25],
+        [50] * 5,
+        [1, 1, 1, 1, 1],
+    )
+    npt.assert_allclose(final_radii(fork, 1.5)[0], [0.1, 0.1, 0.08, 0.1, 0.1])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_radii_never_grow_towards_the_tips(seed):
+    rng = np.random.default_rng(seed)
+    n = 60
+    parent = [-1] + [int(rng.integers(max(0, i - 4), i)) for i in range(1, n)]
+    tree = skeleton(
+        parent, rng.random((n, 3)) * 3, rng.random(n) * 0.2, rng.integers(0, 12, n), rng.random(n) < 0.4
+    )
+    radius, measured = final_radii(tree, 1.3)
+    assert np.isfinite(radius).all() and (radius > 0).all()
+    child = np.arange(1, n)
+    assert (radius[child] <= radius[tree.parent[child]] + 1e-12).all()
+    assert not measured[tree.n_points == 0].any()
+
+
+def test_subtree_length_is_the_sum_of_edges(rng):
+    parent = np.array([-1, 0, 1, 1, 3, 0], np.int32)
+    position = rng.random((6, 3))
+    edge = np.array([0] + [np.linalg.norm(position[i] - position[parent[i]]) for i in range(1, 6)])
+    below = {0: range(1, 6), 1: (1, 2, 3, 4), 2: (2,), 3: (3, 4), 4: (4,), 5: (5,)}
+    wanted = [sum(edge[j] for j in below[i]) for i in range(6)]
+    npt.assert_allclose(kernels.subtree_length(parent, position), wanted)
