@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Measures", "crown_base", "crown_width", "measure"]
 
 CROWN_SHARE = 0.02
-"""What lies lowest counts for the crown once it holds this share of all leaf points, or of all wood's length."""
+"""The crown begins where this share of all leaf points, or a branch of this share of all wood, is reached."""
 
 CROWN_DIRECTIONS = 36
 """Directions over half a turn in which the crown's width is taken."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,14 +16,21 @@ __all__ = ["SCAN_SUFFIXES", "find_scans", "name_scans"]
 #: What is looked for in a folder. A file that is named itself is read whatever its name is.
 SCAN_SUFFIXES = (".las", ".laz", ".ply", ".pcd", ".e57", ".xyz", ".txt", ".csv", ".asc", ".pts", ".npy")
 
+#: Of these many are no scans: in a folder they count if there are rows of three numbers in them.
+TEXT_SUFFIXES = (".txt", ".csv", ".asc", ".pts", ".xyz")
+
 _GLOB_CHARACTERS = "*?["
+_HEAD = 8192
+"""Bytes of a text file that are looked at."""
 
 
-def find_scans(arguments: Iterable[str]) -> list[Path]:
+def find_scans(arguments: Iterable[str], skipped: list[Path] | None = None) -> list[Path]:
     """List the scans that the arguments of a command mean.
 
     A folder means the scans in it (not in its sub-folders) by their suffix, a pattern such as
     ``"plots/**/*.laz"`` what it matches; both in alphabetical order. A file named twice is taken once.
+    Text files of a folder without rows of numbers (a licence, a list) are left out, and listed in
+    `skipped`.
 
     Raises
     ------
@@ -31,17 +39,19 @@ def find_scans(arguments: Iterable[str]) -> list[Path]:
     """
     found: dict[str, Path] = {}
     for argument in arguments:
-        for path in _expand(str(argument)):
+        for path in _expand(str(argument), skipped if skipped is not None else []):
             found.setdefault(os.path.realpath(path), path)
     if not found:
         raise InputError("no scan was named; give at least one file, folder or pattern.")
     return list(found.values())
 
 
-def _expand(argument: str) -> list[Path]:
+def _expand(argument: str, skipped: list[Path]) -> list[Path]:
     path = Path(argument)
     if path.is_dir():
-        scans = sorted(p for p in path.iterdir() if p.suffix.lower() in SCAN_SUFFIXES and p.is_file())
+        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SCAN_SUFFIXES and p.is_file())
+        scans = [p for p in found if p.suffix.lower() not in TEXT_SUFFIXES or _has_rows(p)]
+        skipped.extend(p for p in found if p not in scans)
         if not scans:
             raise InputError(
                 f"{argument}: no scan in this folder; looked for {' '.join(SCAN_SUFFIXES)}, "
@@ -54,6 +64,30 @@ def _expand(argument: str) -> list[Path]:
             raise InputError(f"{argument}: no file matches this pattern.")
         return scans
     return [path]  # a missing file is said by the reader, as that scan's own failure
+
+
+def _has_rows(path: Path) -> bool:
+    """Whether a line among the first of a text file begins with three numbers; True if it cannot be read.
+
+    The table of cylinders that Sapwood itself writes has such lines, and is no scan.
+    """
+    if path.name.lower().endswith(".cylinders.csv"):
+        return False
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+    except OSError:  # the reader says why, as that scan's own failure
+        return True
+    rows = (re.split(rb"[;,\s]+", line.strip()) for line in head.splitlines())
+    return not head or any(len(row) >= 3 and all(map(_is_number, row[:3])) for row in rows)
+
+
+def _is_number(text: bytes) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def name_scans(scans: Iterable[Path]) -> list[str]:

@@ -96,7 +96,8 @@ def save(
     with Staging(folder, inside=staging) as stage:
         clock = Clock()
         _write_tree(tree, stage.path, clock)
-        renderer, notices = None, []
+        renderer: str | None = None
+        notices: list[str] = []
         if preview or turntable:
             with clock.stage("preview"):
                 renderer, notices = _draw(tree, stage.path, preview, turntable)

@@ -37,6 +37,8 @@ def info(
 
 
 def _about_tree(path: Path) -> dict[str, Any]:
+    import numpy as np
+
     import treegraph
     from sapwood.cylinders import cylinder_length, cylinder_table, cylinder_volume
     from sapwood.trees import read_tree
@@ -44,9 +46,8 @@ def _about_tree(path: Path) -> dict[str, Any]:
     tree = read_tree(path)
     graph = tree.graph
     table = cylinder_table(graph)
-    top = max(
-        [graph.position[:, 2].max(), *(c.vertices[:, 2].max() for c in tree.clusters if len(c.vertices))]
-    )
+    hulls = [cluster.vertices for cluster in tree.clusters]
+    top = np.concatenate([graph.position, *hulls])[:, 2].max()
     allometry = tree.allometry
     return {
         "kind": "tree",

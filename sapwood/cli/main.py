@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 # One thread per process: results must not depend on how many cores there are, and the maths libraries'
@@ -28,7 +28,7 @@ __all__ = ["COMMANDS", "main", "make_app", "reconstruct_main", "sapwood_main"]
 
 OURS, THEIRS, INTERRUPTED = 1, 2, 130
 
-COMMANDS = {
+COMMANDS: dict[str, Callable[..., int]] = {
     "reconstruct": reconstruct,
     "decode": decode,
     "preview": preview,
@@ -36,17 +36,15 @@ COMMANDS = {
     "doctor": doctor,
 }
 
-_LOOK = {
-    "add_completion": False,
-    "rich_markup_mode": "rich",
-    "pretty_exceptions_enable": False,
-    "context_settings": {"help_option_names": ["--help", "-h"]},
-}
-
 
 def make_app(program: str) -> typer.Typer:
     """The command line of ``reconstruct`` alone, or of ``sapwood`` with all commands."""
-    app = typer.Typer(**_LOOK)
+    app = typer.Typer(
+        add_completion=False,
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["--help", "-h"]},
+    )
     if program == "reconstruct":
         app.command()(reconstruct)
         return app

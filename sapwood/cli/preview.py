@@ -84,15 +84,8 @@ def preview(
         terminal.notice(drawn.notice)
     terminal.result(str(output))
     height, width = drawn.image.shape[:2]
-    terminal.json(
-        "preview",
-        input=str(source),
-        output=str(output),
-        renderer=drawn.renderer,
-        width=width,
-        height=height,
-        seed=seed,
-    )
+    facts = {"renderer": drawn.renderer, "width": width, "height": height, "seed": seed}
+    terminal.json("preview", input=str(source), output=str(output), **facts)
     return 0
 
 
@@ -119,9 +112,7 @@ def _load(terminal: Terminal, source: Path, scan: Path | None) -> tuple[ClusterT
         cloud = recon.read_cloud(scan)
         return tree, (cloud.xyz + (cloud.origin - tree.origin), cloud.color)
     if scan is not None:
-        raise InputError(
-            f"{source}: --scan goes with a .lobes file; a scan is drawn beside its own tree anyway."
-        )
+        raise InputError(f"{source}: --scan goes with a .lobes file; a scan is drawn beside its tree anyway.")
     from sapwood.pipeline import reconstruct
 
     made = reconstruct(source)

@@ -14,12 +14,7 @@ from sapwood.cli.terminal import Progress, Terminal
 if TYPE_CHECKING:
     from sapwood.batch import Job, Outcome
 
-STAGES = {
-    "read": "reading",
-    "encode": "finding the tree",
-    "measure": "measuring",
-    "write": "writing and drawing",
-}
+STAGES = {"read": "reading", "encode": "finding the tree", "measure": "measuring", "write": "drawing"}
 FAILED_ALL, FAILED_OURS, FAILED_SOME = 2, 1, 3
 REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and with `sapwood doctor --json`"
 
@@ -129,13 +124,15 @@ def run(
     from sapwood.saving import output_names
 
     start = perf_counter()
-    paths = find_scans(scans)
+    skipped: list[Path] = []
+    paths = find_scans(scans, skipped)
+    for path in skipped:
+        terminal.note(f"{path}: left out, there are no points in it")
     names = name_scans(paths)
     _check_options(reading)
     wanted = {"preview": saving["preview"], "turntable": saving["turntable"]}
-    check_free(
-        [folder / file for name in names for file in output_names(name, **wanted)], force=saving["force"]
-    )
+    files = [folder / file for name in names for file in output_names(name, **wanted)]
+    check_free(files, force=saving["force"])
     outcomes: list[Outcome] = []
     with Staging(folder) as staging:
         jobs = [

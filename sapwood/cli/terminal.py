@@ -83,19 +83,13 @@ class Terminal:
         if not self.shows_progress:
             yield Progress(None, None)
             return
+        from rich import progress as rich
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            SpinnerColumn,
-            TextColumn,
-            TimeRemainingColumn,
-        )
-        from rich.progress import Progress as Bar
 
-        counted = [BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()] if total is not None else []
-        text = TextColumn("{task.description}", markup=False)
-        bar = Bar(SpinnerColumn(), text, *counted, console=Console(stderr=True), transient=True)
+        columns = [rich.SpinnerColumn(), rich.TextColumn("{task.description}", markup=False)]
+        if total is not None:
+            columns += [rich.BarColumn(), rich.MofNCompleteColumn(), rich.TimeRemainingColumn()]
+        bar = rich.Progress(*columns, console=Console(stderr=True), transient=True)
         with bar:
             self._progress = bar
             try:
