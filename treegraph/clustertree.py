@@ -139,7 +139,7 @@ class ClusterTree:
             *((f"clusters[{k}]", cluster, Cluster) for k, cluster in enumerate(clusters)),
         ):
             if not isinstance(value, kind):
-                raise TreeError(f"{name} must be a {kind.__name__}, got {type(value).__name__}")
+                raise TreeError(f"{name} must be of type {kind.__name__}, got {type(value).__name__}")
         n = self.graph.n_nodes
         for k, cluster in enumerate(clusters):
             bad = np.flatnonzero((cluster.seed < 0) | (cluster.seed >= n))

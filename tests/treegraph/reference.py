@@ -7,7 +7,10 @@ import numpy as np
 
 
 def children(parent):
-    return {i: [j for j, p in enumerate(parent) if p == i] for i in range(-1, len(parent))}
+    kids = {i: [] for i in range(-1, len(parent))}
+    for j, p in enumerate(parent):
+        kids[int(p)].append(j)
+    return kids
 
 
 def segment(tree, i):
