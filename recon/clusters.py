@@ -88,6 +88,21 @@ def leafy_nodes(xyz: np.ndarray, skeleton: Skeleton, f_s: float) -> np.ndarray:
     )
 
 
+def median_turn(skeleton: Skeleton) -> float:
+    """Median angle by which the chains of a skeleton turn at a node, radians.
+
+    Chains of twigs are smooth; a chain through leaves turns at every one. On the bare trees of the
+    benchmarks it is 2 to 16 degrees, on those with leaves 20 to 29.
+    """
+    onward = chains_of(skeleton).onward
+    node = np.flatnonzero((onward >= 0) & (skeleton.parent >= 0))
+    a = skeleton.position[node] - skeleton.position[skeleton.parent[node]]
+    b = skeleton.position[onward[node]] - skeleton.position[node]
+    length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    cosine = (a * b).sum(axis=1)[length > 0] / length[length > 0]
+    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) if cosine.size else 0.0
+
+
 def bough_groups(skeleton: Skeleton, leafy: np.ndarray, max_clusters: int) -> np.ndarray:
     """Group of every point that may be a leaf: the bough that it hangs on.
 

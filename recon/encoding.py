@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from recon.cloud import Cloud
-from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters
+from recon.clusters import bough_groups, cluster_points, median_turn, leafy_nodes, make_clusters
 from recon.dbh import BreastHeight, breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
@@ -31,7 +31,7 @@ from treegraph.graph import TreeGraph
 TRUSTED_SPACINGS = 4.0  # edges up to this many point spacings are kept unasked
 ABSORB_ROUNDS = 2
 DEFAULT_BETA = 2.5  # of trees of no known species: only gaps feel it, and short ones are best
-LEAFLESS_SHARE = 0.12  # with a smaller share of points in clusters a tree has no leaves
+LEAFLESS_TURN = np.radians(18.0)  # chains that turn less at their median node show no leaves
 LEAFLESS_F_S = 1.0
 
 
@@ -47,7 +47,8 @@ class EncodeSettings:
         Exponent of eq. 3.1, > 0; the species' if None.
     f_s : float or None
         Factor of eq. 3.2, 0 < f_s <= 1. 1 means a leafless tree: no clusters, all points show
-        wood. If None: the species' value, or 1 where that would hardly leave any point to clusters.
+        wood. If None: 1 for a tree whose chains are smooth (`recon.clusters.median_turn`), else the
+        species' value.
     n_neighbours : int
         Neighbours of each point in the graph, 4 to 64.
     max_points : int
@@ -287,15 +288,15 @@ def _split_off_leaves(
 ) -> tuple[Skeleton, float, np.ndarray]:
     """The main branches only, where the tree has leaves; the f_s used; the bough of each point."""
     no_group = np.zeros(0, np.int64)
-    factor = species_f_s if settings.f_s is None else settings.f_s
+    if settings.f_s is None:
+        factor = LEAFLESS_F_S if median_turn(skeleton) < LEAFLESS_TURN else species_f_s
+    else:
+        factor = settings.f_s
     if factor >= LEAFLESS_F_S:
         return skeleton, LEAFLESS_F_S, no_group
-    radius, _ = final_radii(skeleton, gamma)
+    radius, _ = final_radii(skeleton, gamma, leafy=True)
     skeleton = replace(skeleton, radius=radius)
     low = leafy_nodes(xyz, skeleton, factor)
-    is_leaf = low[skeleton.home] & (skeleton.label >= 0)
-    if settings.f_s is None and is_leaf.mean() < LEAFLESS_SHARE:
-        return skeleton, LEAFLESS_F_S, no_group
     group = bough_groups(skeleton, low, settings.max_clusters)
     into = np.arange(skeleton.n_nodes)
     into[low] = skeleton.parent[low]

@@ -20,7 +20,7 @@ SMALLEST_RADIUS = 0.002  # metres; of twigs
 ENOUGH_POINTS = 2  # a node with fewer shows no radius
 
 
-def final_radii(skeleton: Skeleton, gamma: float) -> tuple[np.ndarray, np.ndarray]:
+def final_radii(skeleton: Skeleton, gamma: float, *, leafy: bool = False) -> tuple[np.ndarray, np.ndarray]:
     r"""Radius of every node, never growing towards the tips.
 
     On stretches with believed circles: the fitted tube. Beyond them
@@ -34,6 +34,8 @@ def final_radii(skeleton: Skeleton, gamma: float) -> tuple[np.ndarray, np.ndarra
         With fitted tubes.
     gamma : float
         Exponent of eq. 3.1.
+    leafy : bool
+        Whether points may be leaves: then a small spread says nothing of wood.
 
     Returns
     -------
@@ -62,7 +64,7 @@ def final_radii(skeleton: Skeleton, gamma: float) -> tuple[np.ndarray, np.ndarra
         length,
         gamma,
         PIPE_EXPONENT,
-        min(RESOLUTION_SPACINGS * skeleton.spacing, MAX_RESOLUTION),
+        0.0 if leafy else min(RESOLUTION_SPACINGS * skeleton.spacing, MAX_RESOLUTION),
         SMALLEST_RADIUS,
         ENOUGH_POINTS,
     )
