@@ -92,7 +92,7 @@ def test_two_halves_that_do_not_touch_are_one_trunk(rng):
     xyz = np.concatenate(
         [
             tube((0, 0, 0), (0, 0, 3.0), 0.2, 0.2, 6000, rng, arc=0.47, noise=0.002),
-            tube((0, 0, 0), (0, 0, 3.0), 0.2, 0.2, 6000, rng, arc=0.47, noise=0.002) * [1, -1, 1],
+            tube((0, 0, 0), (0, 0, 3.0), 0.2, 0.2, 6000, rng, arc=0.47, noise=0.002) * [-1, 1, 1],
         ]
     )
     skeleton, _ = skeleton_of(xyz)
