@@ -157,6 +157,11 @@ def split_sections(data: bytes, limits: dict[str, int]) -> dict[str, bytes]:
 
 def _decompress(body: bytes, raw_size: int, name: str) -> bytes:
     """Decompress one zstd frame without ever holding more than `raw_size` bytes and the window."""
+    if not body.startswith(zstandard.FRAME_HEADER):
+        raise FormatError(
+            f"section {name!r} must be a zstd frame that begins with {zstandard.FRAME_HEADER!r}, "
+            f"got {body[:4]!r}; the file is damaged"
+        )
     try:
         declared = zstandard.frame_content_size(body)
         if declared not in (-1, raw_size):
