@@ -104,8 +104,12 @@ def run_job(job: Job, progress: Callable[[str], object] | None = None) -> Outcom
     return Outcome(job, DONE, report=saved.report, notices=saved.notices)
 
 
-def run_batch(jobs: Sequence[Job], n_workers: int) -> Iterator[Outcome]:
+def run_batch(
+    jobs: Sequence[Job], n_workers: int, work: Callable[[Job], Outcome] = run_job
+) -> Iterator[Outcome]:
     """Do jobs on `n_workers` processes and yield what comes of each as it ends.
+
+    `work` is what a process does with a job; it must be importable there.
 
     The files of a job do not depend on `n_workers`. A process that dies fails the job that it was at;
     another one takes its place. Leaving the iteration early ends the processes.
@@ -115,7 +119,7 @@ def run_batch(jobs: Sequence[Job], n_workers: int) -> Iterator[Outcome]:
     try:
         while pending or workers:
             while pending and len(workers) < n_workers:
-                workers.append(_Worker(pending.popleft()))
+                workers.append(_Worker(work, pending.popleft()))
             ready = wait([worker.connection for worker in workers])
             for worker in [w for w in workers if w.connection in ready]:
                 outcome = worker.receive()
@@ -135,10 +139,10 @@ def run_batch(jobs: Sequence[Job], n_workers: int) -> Iterator[Outcome]:
 class _Worker:
     """A process that does one job after the other."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, work: Callable[[Job], Outcome], job: Job) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(other,), daemon=True)
+        self.process = context.Process(target=_serve, args=(other, work), daemon=True)
         self.process.start()
         other.close()  # so that the end of the process is the end of the connection
         self.give(job)
@@ -173,7 +177,7 @@ def _cause(exitcode: int | None) -> str:
     return f"its process ended on signal {-exitcode}" + (f" ({known})" if known else "")
 
 
-def _serve(connection: Connection) -> None:
+def _serve(connection: Connection, work: Callable[[Job], Outcome]) -> None:
     """Do the jobs that come; runs in the worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group: the parent decides
     signal.signal(signal.SIGTERM, _leave)
@@ -183,7 +187,7 @@ def _serve(connection: Connection) -> None:
             job = connection.recv()
         except (EOFError, OSError):
             return
-        connection.send(run_job(job))
+        connection.send(work(job))
 
 
 def _leave(number: int, frame: object) -> None:

@@ -149,6 +149,7 @@ def reconstruct(
     report = encoding.report
     with clock.stage("measure"):
         table = cylinder_table(encoding.tree.graph)
+        _check_wood(source, table)
         dbh = {key: getattr(report, key) for key in ("dbh_m", "dbh_method", "dbh_reason", "dbh_arc")}
         measures = measure(encoding.tree, table, encoding.cloud.xyz, **dbh)
     return Reconstruction(
@@ -211,6 +212,14 @@ def _known_species(species: str | None) -> str | None:
     if species is None:
         return None
     return next(name for name, allometry in treegraph.SPECIES_ALLOMETRY.items() if allometry is wanted)
+
+
+def _check_wood(source: str, table: NDArray[np.void]) -> None:
+    if not table.size:
+        about = f"{source}: " if source else ""
+        raise InputError(
+            f"{about}no tree can be made out in these points; look whether it is the right file."
+        )
 
 
 def _used(tree: ClusterTree) -> dict[str, float]:

@@ -61,7 +61,7 @@ def reconstruct(
     Example:  reconstruct oak.laz -o out
               reconstruct plots/ "more/*.ply" -o out --jobs 4
 
-    For each scan NAME it writes
+    For each scan NAME it writes:
 
     \b
     NAME.lobes          the tree, a few kilobytes
@@ -144,6 +144,9 @@ def run(
             _say(terminal, outcome, len(outcomes), len(jobs))
     outcomes.sort(key=lambda outcome: names.index(outcome.job.name))
     failed = [outcome for outcome in outcomes if outcome.kind != DONE]
+    for outcome in outcomes:
+        if outcome.report is not None:
+            terminal.result(describe(outcome.report, outcome.job.folder))
     _say_failures(terminal, failed, len(outcomes))
     terminal.json(
         "reconstruct",
@@ -201,7 +204,6 @@ def _say(terminal: Terminal, outcome: Outcome, done: int, total: int) -> None:
         terminal.notice(notice)
     if total > 1 and not terminal.shows_progress:
         terminal.log(f"[{done}/{total}] {name}: done in {sum(outcome.report['seconds'].values()):.1f} s")
-    terminal.result(describe(outcome.report, outcome.job.folder))
 
 
 def describe(report: dict[str, Any], folder: str) -> str:

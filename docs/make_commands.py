@@ -1,0 +1,182 @@
+"""Write docs/commands.md from the commands themselves.
+
+``python docs/make_commands.py`` writes the page, ``--check`` only says whether it is current.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from enum import EnumType
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from sapwood._version import SCHEMA_VERSION
+from sapwood.cli.main import COMMANDS
+
+PAGE = Path(__file__).with_name("commands.md")
+
+HEAD = """\
+<!-- Written by docs/make_commands.py from the commands themselves; do not edit. -->
+# The commands
+
+`reconstruct` is the main job; it is installed as a command of its own and as `sapwood reconstruct`.
+Where neither is on the path, `python -m sapwood` is the same as `sapwood`.
+
+Results go to stdout, everything else (remarks, progress, errors) to stderr. With a terminal there is a
+progress bar, else one line for each scan of several. Files appear whole or not at all, and none that is
+there is replaced without `--force`. The same scan and options give the same bytes, whatever `--jobs` is;
+only the `seconds` in a report differ.
+
+| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | a fault of Sapwood; `-v` shows where |
+| 2 | the input or the arguments are at fault: one line on stderr says where, what is wrong and what to do |
+| 3 | some of several scans failed and the rest is done; the failures are listed at the end |
+| 130 | interrupted; what was not finished has been removed |
+"""
+
+#: What is in NAME.json, in order; a test compares it with a real one.
+REPORT = {
+    "schema_version": f"of this object: {SCHEMA_VERSION}",
+    "name": "name of the outputs",
+    "source": "path of the scan as it was given",
+    "sha256": "of the scan's bytes",
+    "n_points_read": "points in the file",
+    "n_points_used": "points that the skeleton was made from, after preparing and thinning",
+    "height_m": "highest point of the tree above the foot of its trunk",
+    "dbh_m": "diameter of the trunk 1.3 m above its foot; null with a reason",
+    "dbh_method": "`circle` (fitted to the points there), `tube` (the modelled trunk) or `none`",
+    "dbh_reason": "why there is no diameter, or why it is not from a circle; else null",
+    "dbh_arc": "share of the trunk's round on which the circle has points, 0 to 1",
+    "crown_width_m": "mean horizontal extent, over all directions, of the points above the crown's base",
+    "crown_base_m": "height at which the crown begins: the bottom of the lowest leaf cluster (those below it hold "
+    "less than 2% of the leaf points), or without leaves the lowest branch that carries 2% of all wood's length; "
+    "null without a crown",
+    "wood_volume_m3": "volume of the cylinders: trunk and branches as far as they are modelled",
+    "total_length_m": "length of the cylinders",
+    "n_nodes": "nodes of the skeletal graph",
+    "n_tips": "its tips",
+    "n_clusters": "leaf clusters",
+    "origin": "foot of the trunk in the scan's coordinates, metres",
+    "epsg": "EPSG code of those coordinates, or null",
+    "bytes": "size of NAME.lobes",
+    "files": "what was written",
+    "preview": "what drew the picture: `egl`, `osmesa`, `software`; null if nothing did",
+    "seed": "as given",
+    "notes": "remarks on the scan, one line each; also on stderr",
+    "seconds": "wall-clock time of each stage",
+    "settings": "every setting in force",
+    "versions": "of Sapwood, Python and the libraries that the result may depend on",
+}
+
+FILES = """\
+### What it writes
+
+| file | what |
+|---|---|
+| `NAME.lobes` | the tree: graph, leaf clusters, species, place; see `docs/lobes-format.md` |
+| `NAME.glb` | its mesh, metres, y up, the foot of the trunk at the origin |
+| `NAME.png` | the scan beside the model |
+| `NAME.cylinders.csv` | `id,parent,x0,y0,z0,x1,y1,z1,r0,r1,order,measured`: metres, the scan's own \
+coordinates; parent -1 at the root; order 0 is the trunk; measured 1 if the radius was measured, 0 if inferred |
+| `NAME.json` | its measures and how it was made; written last, so where it is the rest is complete |
+
+NAME is the scan's file name without suffix. Scans of one name get their folder in front (`north-tree`,
+`south-tree`).
+
+`NAME.json`:
+
+| field | meaning |
+|---|---|
+"""
+
+JSON = """\
+With `--json`: `schema_version`, `command`, `version`, and """
+
+JSON_FIELDS = {
+    "reconstruct": "`output` (the folder), `trees` (the reports, as in NAME.json), `failed` (`scan`, `name`, "
+    "`kind`: `input`, `internal` or `died`, `message`), `seconds`.",
+    "decode": "`input`, `output`, `bytes`.",
+    "preview": "`input`, `output`, `renderer`, `width`, `height`, `seed`.",
+    "info": "`input`, `kind` (`tree` or `scan`), and the facts that are printed, `notes` among them.",
+    "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
+}
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [HEAD, *(section(name, command) for name, command in COMMANDS.items())]
+    fault = (
+        "If a command fails with code 1 or 2 before there is a result, the object holds `error` "
+        "(`message`, `exit_code`)."
+    )
+    return "\n".join([*parts, fault]) + "\n"
+
+
+def section(name: str, command: Callable[..., int]) -> str:
+    """One command: what it does, an example, its options, its JSON."""
+    lines = [f"## {name}", ""]
+    for paragraph in inspect.cleandoc(command.__doc__ or "").split("\n\n"):
+        if paragraph.startswith("\b"):
+            block = paragraph.removeprefix("\b\n").removeprefix("Example:")
+            language = "sh" if "Example:" in paragraph else "text"
+            lines += [f"```{language}", *(line.strip() for line in block.splitlines()), "```", ""]
+        else:
+            lines += [" ".join(paragraph.split()), ""]
+    lines += ["| option | default | |", "|---|---|---|", *rows(command), ""]
+    if name == "reconstruct":
+        lines += [FILES + "\n".join(f"| `{key}` | {text} |" for key, text in REPORT.items()), ""]
+    return "\n".join([*lines, JSON + JSON_FIELDS[name], ""])
+
+
+def rows(command: Callable[..., int]) -> Iterator[str]:
+    """The table of options."""
+    hints = get_type_hints(command, include_extras=True)
+    for parameter in inspect.signature(command).parameters.values():
+        kind, option = get_args(hints[parameter.name])
+        given = (
+            option.default,
+            *(getattr(option, "param_decls", None) or ()),
+        )  # typer takes the first for one
+        names = ", ".join(f"`{name}`" for name in given if isinstance(name, str) and name.startswith("-"))
+        value = escape(option.metavar or choices(kind))
+        shown = f"{names} `{value}`" if names and value else names or f"`{value}`"
+        yield f"| {shown} | {default(parameter)} | {escape(option.help)} |"
+
+
+def choices(kind: Any) -> str:
+    """The values of an enumeration, "" of any other type."""
+    for part in (kind, *get_args(kind)):
+        if isinstance(part, EnumType):
+            return "|".join(member.value for member in part)
+    return ""
+
+
+def default(parameter: inspect.Parameter) -> str:
+    """What an option is if it is left out."""
+    if parameter.default is inspect.Parameter.empty:
+        return "required"
+    if parameter.default is None or parameter.default is False:
+        return ""
+    return str(parameter.default)
+
+
+def escape(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def main() -> int:
+    text = page()
+    if "--check" in sys.argv[1:]:
+        return int(not PAGE.exists() or PAGE.read_text(encoding="utf-8") != text)
+    PAGE.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
