@@ -1,6 +1,9 @@
 """Imports point downwards only: a package may use the floors below its own, never its own floor or above."""
 
 import ast
+import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -86,6 +89,25 @@ def test_heavy_modules_are_imported_inside_functions(package):
                     f"{path.relative_to(ROOT)}:{line}: import {name} inside the function that needs it"
                 )
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_importing_a_package_is_cheap(package):
+    """Nothing heavy comes along by itself: neither directly nor through something else."""
+    program = f"import sys, {package}; print(*sorted({HEAVY | {'scipy'}!r} & set(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_is_there(package):
+    """Lazy names are strings; this finds the ones that lead nowhere."""
+    module = importlib.import_module(package)
+    missing = [name for name in module.__all__ if not hasattr(module, name)]
+    assert not missing
+    assert set(module.__all__) <= set(dir(module))
 
 
 def test_every_package_is_on_a_floor():

@@ -1,6 +1,6 @@
 """Draw the README's pictures: the sample scans beside what the real command makes of them.
 
-Writes docs/pictures/NAME.png, with few enough colours that the repository stays small.
+Writes docs/pictures/NAME.png, small enough for a page and a repository.
 """
 
 from __future__ import annotations
@@ -16,16 +16,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from demo import ROOT, RUNS
 
 FOLDER = ROOT / "docs" / "pictures"
-HEIGHT = 640  # pixels
-COLOURS = 256
+HEIGHT = 512  # pixels
 
 
 def shrink(source: Path, target: Path) -> None:
-    """Write a smaller copy of a picture in at most `COLOURS` colours."""
+    """Write a smaller copy of a picture."""
     with Image.open(source) as picture:
         width = round(picture.width * HEIGHT / picture.height)
         small = picture.convert("RGB").resize((width, HEIGHT), Image.Resampling.LANCZOS)
-    small = small.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG)
     small.save(target, optimize=True)
 
 
