@@ -962,8 +962,12 @@ def home_distance(xyz, home, parent, onward, position, radius):
 
 
 @_jit
-def low_confidence(parent, position, radius, spread, n_points, f_s, step, noise):
-    """True from the first node outwards whose points are farther off than f_s^(path/step) d."""
+def low_confidence(parent, onward, position, radius, spread, n_points, f_s, step, noise, window):
+    """True from the first node outwards whose points are farther off than f_s^(path/step) d.
+
+    Spread and diameter are means over the points of the chain from the node on for `window`
+    metres: one ragged slice at the foot of a branch does not end a bough.
+    """
     n = parent.size
     path = np.zeros(n)
     out = np.zeros(n, np.bool_)
@@ -972,8 +976,20 @@ def low_confidence(parent, position, radius, spread, n_points, f_s, step, noise)
         path[i] = path[p] + _distance(position, i, p)
         if out[p]:
             out[i] = True
-        elif n_points[i] > 0:
-            out[i] = max(spread[i], noise) > 2 * radius[i] * f_s ** (path[i] / step)
+            continue
+        off = 0.0
+        thick = 0.0
+        count = 0.0
+        j = i
+        gone = 0.0
+        while j >= 0 and (gone <= window or count == 0):
+            off += n_points[j] * max(spread[j], noise)
+            thick += n_points[j] * 2 * radius[j]
+            count += n_points[j]
+            if onward[j] >= 0:
+                gone += _distance(position, j, onward[j])
+            j = onward[j]
+        out[i] = off > thick * f_s ** (path[i] / step)
     return out
 
 

@@ -20,6 +20,7 @@ from recon.skeleton import Skeleton, chains_of
 from treegraph.clustertree import Cluster
 
 F_S_STEP = 0.5  # metres of path for one power of f_s
+CONFIDENCE_WINDOW = 0.4  # metres of chain that are judged together
 NOISE = 0.004  # points are no nearer to the surface of a branch than this, metres
 LEAF_DISTANCE = 0.03  # points that belong to no branch are leaves if farther from all wood, metres
 MIN_CLUSTER_POINTS = 12
@@ -84,7 +85,16 @@ def leafy_nodes(xyz: np.ndarray, skeleton: Skeleton, f_s: float) -> np.ndarray:
         skeleton.radius,
     )
     return tubes.low_confidence(
-        skeleton.parent, skeleton.position, skeleton.radius, spread, chains.n_points, f_s, F_S_STEP, NOISE
+        skeleton.parent,
+        chains.onward,
+        skeleton.position,
+        skeleton.radius,
+        spread,
+        chains.n_points,
+        f_s,
+        F_S_STEP,
+        NOISE,
+        CONFIDENCE_WINDOW,
     )
 
 
