@@ -21,6 +21,7 @@ LINK_NEIGHBOURS = 8  # how many neighbours of a cell may become bridges
 LINK_FIRST_CELL = 4.0  # first cell of the bridge search, in units of the point spacing
 LINK_CELL_GROWTH = 3.0  # each further round looks this much wider
 MIN_LENGTH = 1e-9  # metres; a zero weight would read as "no edge" in a sparse matrix
+MIN_SPACING = 1e-4  # metres; of points that mostly coincide
 SPACING_NEIGHBOUR = 4  # the spacing of a cloud is the median distance to this neighbour
 
 
@@ -83,7 +84,7 @@ def neighbour_graph(xyz: np.ndarray, n_neighbours: int = 10) -> NeighbourGraph:
         return NeighbourGraph(np.zeros(n + 1, np.int32), np.zeros(0, np.int32), np.zeros(0), 0, 0.0)
     tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
     distance, index = tree.query(xyz, k + 1)
-    spacing = float(np.median(distance[:, min(SPACING_NEIGHBOUR, k)]))
+    spacing = max(float(np.median(distance[:, min(SPACING_NEIGHBOUR, k)])), MIN_SPACING)
     start, neighbour, length = kernels.symmetric_edges(index.astype(np.int32), distance)
     return NeighbourGraph(start, neighbour, length, neighbour.size, spacing)
 
