@@ -42,10 +42,9 @@ bench: ## measure time, memory and accuracy: make bench ARGS="--data DIR" (docs/
 	@tools/setup.sh dev
 	@$(RUN_ENV) $(BIN)/python -m benchmarks $(ARGS)
 
-docs: ## write the generated pages and the README's pictures anew
+docs: ## write docs/commands.md, the README's pictures and the output of its examples anew
 	@tools/setup.sh dev
 	@$(RUN_ENV) $(BIN)/python tools/make_docs.py
-	@$(RUN_ENV) $(BIN)/python tools/make_pictures.py
 
 clean: ## remove the environment and everything generated
 	rm -rf .venv demo-output build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
