@@ -115,11 +115,15 @@ def _assemble(path: str, source: Source, thinner: Thinner, n_read: int, dropped:
     if dropped:
         notes.append(f"{dropped} of {n_read} points have no finite coordinates and were left out")
     if len(chunk.xyz) < MIN_POINTS:
-        raise InputError(f"{path}: {len(chunk.xyz)} usable points are too few for a tree (at least {MIN_POINTS}).")
+        raise InputError(
+            f"{path}: {len(chunk.xyz)} usable points are too few for a tree (at least {MIN_POINTS})."
+        )
     if (chunk.xyz == chunk.xyz[0]).all():
         raise InputError(f"{path}: all {len(chunk.xyz)} points are the same. Export the scan again.")
     if thinner.voxel > 0:
-        notes.append(f"{n_read} points were thinned to {len(chunk.xyz)}, one in each voxel of about {thinner.voxel:.3g} (max_points)")
+        notes.append(
+            f"{n_read} points were thinned to {len(chunk.xyz)}, one in each voxel of about {thinner.voxel:.3g} (max_points)"
+        )
     fields = {}
     if "color" in chunk.extra:
         fields["color"] = _color(chunk.extra["color"])
@@ -163,7 +167,9 @@ def _is_wood(raw: np.ndarray, name: str, means_wood: bool, notes: list[str]) -> 
         notes.append(f"{name} is not between 0 and 1 and was not used as a label of wood or leaf")
         return None
     high = value > 0.5
-    notes.append(f"{name} was read as {'wood' if means_wood else 'leaf'} where it is above 0.5 ({high.mean():.0%} of the points)")
+    notes.append(
+        f"{name} was read as {'wood' if means_wood else 'leaf'} where it is above 0.5 ({high.mean():.0%} of the points)"
+    )
     return high if means_wood else ~high
 
 

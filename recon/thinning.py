@@ -84,7 +84,9 @@ def thin_rows(xyz: np.ndarray, level: int) -> np.ndarray:
     for axis in range(3):
         edge = FINEST * 2.0 ** ((level + axis) // 3)
         np.floor(xyz[:, axis] / edge, out=cell[:, axis], casting="unsafe")
-    key = _mix(_mix(_mix(cell[:, 0].view(np.uint64)) ^ cell[:, 1].view(np.uint64)) ^ cell[:, 2].view(np.uint64))
+    key = _mix(
+        _mix(_mix(cell[:, 0].view(np.uint64)) ^ cell[:, 1].view(np.uint64)) ^ cell[:, 2].view(np.uint64)
+    )
     bits = np.ascontiguousarray(xyz).view(np.uint64)
     rank = _mix(_mix(_mix(bits[:, 0]) ^ bits[:, 1]) ^ bits[:, 2])
     order = np.lexsort((rank, key))
