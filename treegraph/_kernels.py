@@ -191,10 +191,10 @@ def _continuing_child(kids, angle, radius, length, min_radius_share, min_length_
     if all_known:
         _drop_below(kids, radius, 1.0 - tie, alive)
     _drop_below(kids, length, 1.0 - tie, alive)
-    for k in range(kids.size):
-        if alive[k]:
-            return kids[k]
-    return -1
+    k = 0
+    while not alive[k]:  # the last filter has left at least one
+        k += 1
+    return kids[k]
 
 
 @_jit

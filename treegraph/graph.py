@@ -63,7 +63,8 @@ class TreeGraph:
         radius = _as_float("radius", self.radius)
         attribute = {name: _as_column(name, value) for name, value in dict(self.attribute).items()}
         check_tree(parent, position, radius, attribute)
-        for array in (parent, position, radius, *attribute.values()):
+        arrays: list[NDArray[Any]] = [parent, position, radius, *attribute.values()]
+        for array in arrays:
             array.flags.writeable = False
         object.__setattr__(self, "parent", parent)
         object.__setattr__(self, "position", position)

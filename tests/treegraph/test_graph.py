@@ -282,6 +282,9 @@ class TestPackage:
         with pytest.raises(AttributeError, match="module 'treegraph' has no attribute 'forest'"):
             treegraph.forest  # noqa: B018
 
+    def test_lazy_names_are_listed(self):
+        assert {"TreeGraph", "simplify", "read_swc"} <= set(dir(treegraph))
+
     def test_import_is_cheap(self):
         code = (
             "import sys, treegraph; print([m for m in ('numba', 'scipy', 'zstandard') if m in sys.modules])"
