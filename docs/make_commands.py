@@ -54,9 +54,9 @@ REPORT = {
     "dbh_reason": "why there is no diameter, or why it is not from a circle; else null",
     "dbh_arc": "share of the trunk's round on which the circle has points, 0 to 1",
     "crown_width_m": "mean horizontal extent, over all directions, of the points above the crown's base",
-    "crown_base_m": "height at which the crown begins: the bottom of the lowest leaf cluster (those below it hold "
-    "less than 2% of the leaf points), or without leaves the lowest branch that carries 2% of all wood's length; "
-    "null without a crown",
+    "crown_base_m": "height at which the crown begins: the bottom of the lowest leaf cluster (those below "
+    "it hold less than 2% of the leaf points), or without leaves the lowest branch that carries 2% of all "
+    "wood's length; null without a crown",
     "wood_volume_m3": "volume of the cylinders: trunk and branches as far as they are modelled",
     "total_length_m": "length of the cylinders",
     "n_nodes": "nodes of the skeletal graph",
@@ -83,7 +83,7 @@ FILES = """\
 | `NAME.glb` | its mesh, metres, y up, the foot of the trunk at the origin |
 | `NAME.png` | the scan beside the model |
 | `NAME.cylinders.csv` | `id,parent,x0,y0,z0,x1,y1,z1,r0,r1,order,measured`: metres, the scan's own \
-coordinates; parent -1 at the root; order 0 is the trunk; measured 1 if the radius was measured, 0 if inferred |
+coordinates; parent -1 at the root; order 0 is the trunk; measured is 1 if the radius was measured, else 0 |
 | `NAME.json` | its measures and how it was made; written last, so where it is the rest is complete |
 
 NAME is the scan's file name without suffix. Scans of one name get their folder in front (`north-tree`,

@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import Any
@@ -143,7 +144,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, other = context.Pipe()
         self.process = context.Process(target=_serve, args=(other, work), daemon=True)
-        self.process.start()
+        with _deaf_to_interrupts():
+            self.process.start()
         other.close()  # so that the end of the process is the end of the connection
         self.give(job)
 
@@ -170,6 +172,19 @@ class _Worker:
             self.process.join()
 
 
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes started meanwhile never hear of Ctrl-C, which reaches all of a terminal: the parent decides."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _cause(exitcode: int | None) -> str:
     if exitcode is None or exitcode >= 0:
         return f"its process ended unexpectedly (status {exitcode})"
@@ -179,7 +194,6 @@ def _cause(exitcode: int | None) -> str:
 
 def _serve(connection: Connection, work: Callable[[Job], Outcome]) -> None:
     """Do the jobs that come; runs in the worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group: the parent decides
     signal.signal(signal.SIGTERM, _leave)
     os.dup2(sys.stderr.fileno(), 1)  # whatever a library prints must not mix with the parent's output
     while True:
