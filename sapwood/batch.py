@@ -174,7 +174,7 @@ class _Worker:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes started meanwhile never hear of Ctrl-C, which reaches all of a terminal: the parent decides."""
+    """Processes started meanwhile never hear of Ctrl-C, which reaches all of a terminal; we decide."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
