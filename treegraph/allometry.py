@@ -1,6 +1,6 @@
 """How thick a tree's branches are: species parameters and the allometric rule.
 
-Based on: S. Pirk, "Synthesizing, Processing and Modeling Botanical Trees", dissertation, University
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University
 of Konstanz, 2013, section 3.3.1 (Eq. 3.1) and Table 3.1.
 """
 
@@ -134,7 +134,7 @@ def allometric_radii(tree: TreeGraph, root_diameter: float, gamma: float) -> NDA
 
     References
     ----------
-    .. [1] S. Pirk, dissertation, University of Konstanz, 2013, section 3.3.1
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", 2013, section 3.3.1
 
     Examples
     --------

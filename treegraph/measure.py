@@ -75,7 +75,7 @@ def subtree_length(tree: TreeGraph) -> NDArray[np.float64]:
 
     References
     ----------
-    .. [1] S. Pirk, "Synthesizing, Processing and Modeling Botanical Trees", dissertation, University of
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
        Konstanz, 2013, section 3.3.1
 
     Examples

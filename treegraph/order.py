@@ -1,6 +1,6 @@
 """Axes of a tree: which child continues which branch, branch orders, and chains.
 
-Based on: S. Pirk, "Synthesizing, Processing and Modeling Botanical Trees", dissertation, University
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University
 of Konstanz, 2013, sections 5.2.2 and 6.1.3.
 
 Departs from it in: how thickness and length take part (6.1.3 names them without a rule), the trunk's
@@ -162,7 +162,7 @@ def chains(tree: TreeGraph) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
 
     References
     ----------
-    .. [1] S. Pirk, dissertation, University of Konstanz, 2013, section 6.1.3
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", 2013, section 6.1.3
 
     Examples
     --------
