@@ -19,8 +19,8 @@ class Chunk:
     xyz : (m, 3) float64
         May hold NaN rows; they are dropped, and counted, by :func:`recon.read_cloud`.
     extra : dict of str to (m,) or (m, 3) ndarray
-        Any of "color" (m, 3), "intensity", "tree", "wood", "leaf" and "ground", raw: what they mean can depend
-        on values that come later in the file. Every chunk of a file has the same keys and dtypes.
+        Any of "color" (m, 3), "intensity", "tree", "wood" and "leaf", raw: what they mean can depend on
+        values that come later in the file. Every chunk of a file has the same keys and dtypes.
     """
 
     xyz: np.ndarray
@@ -41,6 +41,10 @@ class Source:
         For each key of :attr:`Chunk.extra` the column it came from.
     epsg, unit
         As in :class:`recon.Cloud`.
+    is_geographic : bool
+        Whether the file says that its coordinates are degrees.
+    n_skipped : int
+        Points that the reader itself left out; complete once `chunks` is used up.
     """
 
     chunks: Iterator[Chunk]
@@ -48,3 +52,5 @@ class Source:
     names: dict[str, str] = field(default_factory=dict)
     epsg: int | None = None
     unit: str | None = None
+    is_geographic: bool = False
+    n_skipped: int = 0

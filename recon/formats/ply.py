@@ -62,9 +62,13 @@ def open_ply(path: str, *, as_points: bool = False) -> Source:
     vertex = next((e for e in elements if e.name.lower() in ("vertex", "vertices", "point", "points")), None)
     if vertex is None:
         listed = ", ".join(f"{e.name} ({e.count})" for e in elements) or "nothing"
-        raise FormatError(f"{path}: this PLY has no vertices, only {listed}. Export the scan's points as PLY, LAS or text.")
+        raise FormatError(
+            f"{path}: this PLY has no vertices, only {listed}. Export the scan's points as PLY, LAS or text."
+        )
     if vertex.count == 0:
-        raise FormatError(f"{path}: this PLY declares no points (element {vertex.name} 0). Export the scan again.")
+        raise FormatError(
+            f"{path}: this PLY declares no points (element {vertex.name} 0). Export the scan again."
+        )
     faces = sum(e.count for e in elements if e.name.lower() in ("face", "faces", "tristrips"))
     if faces and not as_points:
         raise FormatError(
@@ -88,7 +92,9 @@ def _read_header(file: BinaryIO, path: str) -> tuple[str, list[Element], int]:
     head = file.read(MAX_HEADER)
     end = head.find(b"end_header")
     if end < 0:
-        raise FormatError(f"{path}: the PLY header has no end_header line; the file is damaged or cut off. Export it again.")
+        raise FormatError(
+            f"{path}: the PLY header has no end_header line; the file is damaged or cut off. Export it again."
+        )
     stop = end + len(b"end_header")
     if head[stop : stop + 1] == b" ":
         stop = len(head) if head.find(b"\n", stop) < 0 else head.find(b"\n", stop)
@@ -109,9 +115,13 @@ def _read_header(file: BinaryIO, path: str) -> tuple[str, list[Element], int]:
         elif words[0] == "property" and elements:
             elements[-1].properties.append(_property(words, path))
         else:
-            raise FormatError(f"{path}: the PLY header has a line that is not understood: {line.strip()[:60]!r}.")
+            raise FormatError(
+                f"{path}: the PLY header has a line that is not understood: {line.strip()[:60]!r}."
+            )
     if order is None:
-        raise FormatError(f"{path}: the PLY header does not say ascii, binary_little_endian or binary_big_endian.")
+        raise FormatError(
+            f"{path}: the PLY header does not say ascii, binary_little_endian or binary_big_endian."
+        )
     return order, elements, stop
 
 
@@ -124,10 +134,18 @@ def _property(words: list[str], path: str) -> tuple[str, str, str]:
 
 
 def _binary_chunks(
-    path: str, order: str, elements: list[Element], vertex: Element, start: int, columns: ColumnMap, notes: list[str]
+    path: str,
+    order: str,
+    elements: list[Element],
+    vertex: Element,
+    start: int,
+    columns: ColumnMap,
+    notes: list[str],
 ) -> Iterator[Chunk]:
     if vertex.has_list():
-        raise FormatError(f"{path}: the PLY vertices hold lists, which a scan does not. Export plain x y z properties.")
+        raise FormatError(
+            f"{path}: the PLY vertices hold lists, which a scan does not. Export plain x y z properties."
+        )
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         file.seek(start)
@@ -139,8 +157,12 @@ def _binary_chunks(
         there = min(vertex.count, (size - file.tell()) // dtype.itemsize)
         if there < vertex.count:
             if there <= 0:
-                raise FormatError(f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again.")
-            notes.append(f"the file declares {vertex.count} points and ends after {there}: it is cut off; those there were read")
+                raise FormatError(
+                    f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again."
+                )
+            notes.append(
+                f"the file declares {vertex.count} points and ends after {there}: it is cut off; those there were read"
+            )
         for begin in range(0, there, CHUNK):
             rows = np.fromfile(file, dtype, min(CHUNK, there - begin))
             yield chunk_of(columns, lambda i: rows[f"p{i}"].astype(dtype[i].newbyteorder("="), copy=False))  # noqa: B023
@@ -158,17 +180,27 @@ def _skip_binary(file: BinaryIO, element: Element, order: str, size: int, path: 
                 count = np.fromfile(file, order + length, 1)
                 n = int(count[0]) if count.size else -1
             if n < 0 or file.tell() + n * np.dtype(kind).itemsize > size:
-                raise FormatError(f"{path}: the PLY is cut off or damaged in element {element.name}. Export it again.")
+                raise FormatError(
+                    f"{path}: the PLY is cut off or damaged in element {element.name}. Export it again."
+                )
             file.seek(n * np.dtype(kind).itemsize, os.SEEK_CUR)
 
 
 def _ascii_chunks(
-    path: str, order: str, elements: list[Element], vertex: Element, start: int, columns: ColumnMap, notes: list[str]
+    path: str,
+    order: str,
+    elements: list[Element],
+    vertex: Element,
+    start: int,
+    columns: ColumnMap,
+    notes: list[str],
 ) -> Iterator[Chunk]:
     from recon.formats.text import Layout, parse_rows
 
     if vertex.has_list():
-        raise FormatError(f"{path}: the PLY vertices hold lists, which a scan does not. Export plain x y z properties.")
+        raise FormatError(
+            f"{path}: the PLY vertices hold lists, which a scan does not. Export plain x y z properties."
+        )
     skip = sum(e.count for e in elements[: elements.index(vertex)])
     layout = Layout(delimiter=" ", decimal=".", columns=columns, n_columns=len(vertex.properties))
     seen = 0
@@ -177,5 +209,9 @@ def _ascii_chunks(
         yield chunk
     if seen < vertex.count:
         if seen == 0:
-            raise FormatError(f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again.")
-        notes.append(f"the file declares {vertex.count} points and ends after {seen}: it is cut off; those there were read")
+            raise FormatError(
+                f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again."
+            )
+        notes.append(
+            f"the file declares {vertex.count} points and ends after {seen}: it is cut off; those there were read"
+        )

@@ -80,7 +80,9 @@ def _blocks(path: str, start: int) -> Iterator[bytes]:
             cut = block.rfind(b"\n") + 1
             rest = block[cut:]
             if len(rest) > BLOCK:
-                raise FormatError(f"{path}: no line ends within {BLOCK >> 20} MB, so this is not a text file of points.")
+                raise FormatError(
+                    f"{path}: no line ends within {BLOCK >> 20} MB, so this is not a text file of points."
+                )
             if cut:
                 yield block[:cut]
         if rest:
@@ -137,7 +139,9 @@ def parse_rows(
         if left <= 0:
             break
     if info[0] and notes is not None:
-        notes.append(f"{info[0]} of {n_rows + info[0]} lines are not rows of numbers and were left out (first: line {info[1]})")
+        notes.append(
+            f"{info[0]} of {n_rows + info[0]} lines are not rows of numbers and were left out (first: line {info[1]})"
+        )
 
 
 def _refuse_if_mostly_bad(path: str, info: np.ndarray, n_rows: int) -> None:
@@ -211,7 +215,11 @@ def _looks_numeric(line: str) -> bool:
     """Whether a line, split at anything, is three numbers or more and no words."""
     words = [w.strip("\"'") for w in re.split(r"[\s;|]+|,(?=\s)|,(?=[-+\d.\"])", line.strip()) if w]
     numbers = sum(_is_number(w) for w in words)
-    return numbers >= 3 and all(_is_number(w) or _MISSING.match(w) for w in words[:3]) and numbers * 2 >= len(words)
+    return (
+        numbers >= 3
+        and all(_is_number(w) or _MISSING.match(w) for w in words[:3])
+        and numbers * 2 >= len(words)
+    )
 
 
 def _first_row(lines: list[str], path: str) -> int:
@@ -276,13 +284,17 @@ def _mark_within(rows: list[str], delimiter: str, path: str) -> str:
 
 
 def _spaced_commas(rows: list[str], path: str, decimal: str | None) -> tuple[str, str]:
-    raise FormatError(f"{path}: commas stand both inside numbers and between them ({rows[0].strip()[:40]!r}). Save the scan with ';' or blanks between the columns.")
+    raise FormatError(
+        f"{path}: commas stand both inside numbers and between them ({rows[0].strip()[:40]!r}). Save the scan with ';' or blanks between the columns."
+    )
 
 
 def _bare_commas(rows: list[str], path: str, decimal: str | None, names: list[str]) -> tuple[str, str]:
     """Only commas separate: they can hardly be decimal marks too."""
     if decimal == ",":
-        raise FormatError(f"{path}: the comma cannot be both the decimal mark and the delimiter. Save the scan with ';' between the columns.")
+        raise FormatError(
+            f"{path}: the comma cannot be both the decimal mark and the delimiter. Save the scan with ';' between the columns."
+        )
     counts = {len(split_line(row, ",")) for row in rows}
     if decimal is None and not any("." in row for row in rows) and max(counts) >= 6 and max(counts) % 2 == 0:
         if len(names) != max(counts):
@@ -305,9 +317,13 @@ def _choose_columns(
         if columns.xyz is not None and max(columns.xyz) < n_columns:
             columns.extra = {k: v for k, v in columns.extra.items() if max(v) < n_columns}
             if columns.unclear:
-                notes.append(f"column {', '.join(columns.unclear)} was not used: its name does not say what it means")
+                notes.append(
+                    f"column {', '.join(columns.unclear)} was not used: its name does not say what it means"
+                )
             return columns, notes
-        notes.append(f"the header ({' '.join(names)[:40]}) does not name x, y and z; the first three columns were read as such")
+        notes.append(
+            f"the header ({' '.join(names)[:40]}) does not name x, y and z; the first three columns were read as such"
+        )
     if n_columns < 3:
         raise FormatError(f"{path}: lines have {n_columns} columns, but a point needs x, y and z.")
     return _guess_columns(table, n_columns, mark, notes), notes
@@ -323,7 +339,12 @@ def _guess_columns(table: list[list[str]], n_columns: int, mark: str, notes: lis
     columns = ColumnMap((first, first + 1, first + 2))
     for c in range(first + 3, n_columns - 2):
         block = values[:, c : c + 3]
-        if np.isfinite(block).all() and (block == np.round(block)).all() and block.min() >= 0 and 1 < block.max() <= 255:
+        if (
+            np.isfinite(block).all()
+            and (block == np.round(block)).all()
+            and block.min() >= 0
+            and 1 < block.max() <= 255
+        ):
             columns.extra["color"] = (c, c + 1, c + 2)
             if c == first + 4:
                 columns.extra["intensity"] = (first + 3,)
