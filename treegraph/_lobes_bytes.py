@@ -21,7 +21,7 @@ __all__ = [
     "zigzag",
 ]
 
-MAX_PLANES = 4
+MAX_PLANES = 6
 """Bytes of the widest integer in a section of byte planes."""
 
 ZSTD_LEVEL = 19
@@ -42,11 +42,11 @@ def unzigzag(codes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def pack_planes(values: NDArray[np.int64]) -> bytes:
-    """All lowest bytes, then all second bytes ...: as many planes as the largest value needs, at most 4."""
+    """All lowest bytes, then all second bytes ...: as many planes as the largest value needs."""
     largest = int(values.max()) if values.size else 0
     n_planes = (largest.bit_length() + 7) // 8
-    flat = values.astype("<u4").ravel()
-    return flat.view(np.uint8).reshape(-1, MAX_PLANES)[:, :n_planes].T.tobytes()
+    flat = values.astype("<i8").ravel()
+    return flat.view(np.uint8).reshape(-1, 8)[:, :n_planes].T.tobytes()
 
 
 def unpack_planes(raw: bytes, count: int, name: str) -> NDArray[np.int64]:
@@ -57,9 +57,9 @@ def unpack_planes(raw: bytes, count: int, name: str) -> NDArray[np.int64]:
             f"section {name!r} must hold 0 to {MAX_PLANES} bytes for each of its {count} values, "
             f"got {len(raw)} bytes; the file is damaged"
         )
-    wide = np.zeros((count, MAX_PLANES), np.uint8)
+    wide = np.zeros((count, 8), np.uint8)
     wide[:, :n_planes] = np.frombuffer(raw, np.uint8).reshape(n_planes, count).T
-    return wide.view("<u4").ravel().astype(np.int64)
+    return wide.view("<i8").ravel().astype(np.int64, copy=False)
 
 
 def pack_bits(mask: NDArray[np.bool_]) -> bytes:
@@ -74,6 +74,8 @@ def unpack_bits(raw: bytes, count: int, name: str) -> NDArray[np.bool_]:
             f"section {name!r} must hold {(count + 7) // 8} bytes, one bit for each of {count} nodes, "
             f"got {len(raw)}; the file is damaged"
         )
+    if count % 8 and raw[-1] >> count % 8:
+        raise FormatError(f"the spare bits of section {name!r} must be 0; the file is damaged")
     return np.unpackbits(np.frombuffer(raw, np.uint8), count=count, bitorder="little").astype(bool)
 
 

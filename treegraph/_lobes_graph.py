@@ -23,14 +23,15 @@ COARSEST = 10
 FINEST = 20
 FEWEST_STEPS = 512
 """The grid is made finer until the tree reaches as many steps from the origin."""
-MAX_STEPS = 1 << 28
-"""Coordinates must be below this many steps: 262 km on the coarsest grid."""
+MAX_STEPS = 1 << 40
+"""Coordinates must be below this many steps: a million kilometres on the coarsest grid."""
 RADIUS_FINER = 2
 """Small radii have a grid four times as fine as positions."""
 RADIUS_BITS = 8
 """Radii of 2**9 steps and more keep 8 bits after the leading one."""
-MAX_RADIUS_CODE = (19 << RADIUS_BITS) + 511
-"""Code of the largest radius, 511 * 2**19 steps (65 km on the coarsest grid)."""
+MAX_RADIUS_SHIFT = 31
+MAX_RADIUS_CODE = (MAX_RADIUS_SHIFT << RADIUS_BITS) + 511
+"""Code of the largest radius, 511 * 2**31 steps."""
 
 
 def position_exponent(position: NDArray[np.float64]) -> int:
@@ -96,7 +97,7 @@ def _position_residual(parent: NDArray[np.signedinteger], grid: NDArray[np.int64
 def _radius_code(radius: NDArray[np.float64], exponent: int) -> NDArray[np.int64]:
     """0 for unknown; else 1 and a number that is linear for thin, logarithmic for thick branches."""
     known = ~np.isnan(radius)
-    largest = np.ldexp(511.0, 19 - exponent - RADIUS_FINER)
+    largest = np.ldexp(511.0, MAX_RADIUS_SHIFT - exponent - RADIUS_FINER)
     bad = np.flatnonzero(known & (radius > largest))
     if bad.size:
         raise TreeError(

@@ -25,6 +25,7 @@ MAX_DENSITY = 2.0**127
 INFINITE_DENSITY = 0x7F8000
 """Densities have codes below this one."""
 UNKNOWN_DENSITY = 0x7FC000
+MAX_POINTS = 1 << 48
 CLUSTER_COLUMNS = 6
 """Vertices, faces, seeds, points, level and density of each cluster."""
 
@@ -120,8 +121,8 @@ def _density_code(k: int, cluster: Cluster) -> int:
         raise TreeError(
             f"clusters[{k}].density must be at most 2**127 points per cubic metre, got {cluster.density!r}"
         )
-    if cluster.n_points >= 1 << 32:
-        raise TreeError(f"clusters[{k}].n_points must be less than 2**32, got {cluster.n_points}")
+    if cluster.n_points >= MAX_POINTS:
+        raise TreeError(f"clusters[{k}].n_points must be less than {MAX_POINTS}, got {cluster.n_points}")
     if np.isnan(cluster.density):
         return UNKNOWN_DENSITY
     bits = int(np.float32(abs(cluster.density)).view(np.uint32))
@@ -139,6 +140,11 @@ def read_clusters(
     per_m3 = np.where(code == UNKNOWN_DENSITY, np.nan, density.astype(float))
     seed = _read_seeds(sections["seeds"], counts[3], len(grid))
     flat = codec.unzigzag(codec.unpack_planes(sections["vertices"], 3 * counts[1], "vertices"))
+    if flat.size and np.abs(flat).max() >= 4 * MAX_STEPS:
+        raise FormatError(
+            f"vertices must be less than {4 * MAX_STEPS} steps from where they are expected, "
+            f"got {np.abs(flat).max()}; the file is damaged"
+        )
     residual = flat.reshape(3, counts[1])
     reader = meshes.MeshReader(sections["symbols"], sections["names"])
     vertex_end, _, seed_end = np.cumsum(rows[:, :3], axis=0).T.tolist()

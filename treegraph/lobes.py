@@ -120,14 +120,14 @@ def encode_lobes(tree: ClusterTree) -> bytes:
     Raises
     ------
     TreeError
-        If the tree is larger than the format allows (:class:`LobesLimits`), lies more than 262 km
-        from its origin, or ``measured`` is not one bool per node.
+        If the tree is larger than the format allows (:class:`LobesLimits`), lies more than a
+        million kilometres from its origin, or ``measured`` is not one bool per node.
 
     Notes
     -----
     The order of the nodes is kept. Positions move by at most 0.49 mm along each axis, radii by at most
     0.13 mm (0.2 % above 125 mm; a positive radius stays positive), hull vertices by at most 8 mm along
-    each axis, densities by 0.001 %. The faces of a hull come back in another order, and its vertices with
+    each axis, densities by 0.002 %. The faces of a hull come back in another order, and its vertices with
     other numbers; which vertices a face joins does not change. Trees that reach less than half a metre from
     their origin get proportionally finer grids.
     """
