@@ -77,6 +77,7 @@ def main() -> int:
     more = sys.argv[2:]
     begin = time.perf_counter()
     worst = 0
+    print("The first run after an installation compiles its loops, which takes a minute or two.", flush=True)
     for scans, options in RUNS:
         worst = max(worst, reconstruct(scans, [*options, "-o", folder, "--force", *more]))
     names = [Path(scan).stem for scans, _ in RUNS for scan in scans]

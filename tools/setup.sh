@@ -62,6 +62,7 @@ if ! "$python" -c 'import ensurepip, venv' >/dev/null 2>&1; then
         say "Python's venv module is missing. Run: sudo apt-get install python$version-venv"
         exit 1
     fi
+    say "installed python$version-venv"
 fi
 
 # ---------------------------------------------------------------- system libraries
