@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from recon.cloud import Cloud
-from recon.clusters import bough_groups, cluster_points, median_turn, leafy_nodes, make_clusters
+from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters, median_turn
 from recon.dbh import BreastHeight, breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
@@ -29,6 +29,9 @@ from treegraph.errors import InputError
 from treegraph.graph import TreeGraph
 
 TRUSTED_SPACINGS = 4.0  # edges up to this many point spacings are kept unasked
+STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
+THICKEST_MARGIN = 0.03  # ... plus this, metres
+STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
 ABSORB_ROUNDS = 2
 DEFAULT_BETA = 2.5  # of trees of no known species: only gaps feel it, and short ones are best
 LEAFLESS_TURN = np.radians(18.0)  # chains that turn less at their median node show no leaves
@@ -199,7 +202,13 @@ def encode_with_report(
         order, code, _ = morton_order(prepared.cloud.xyz)
         xyz, _ = thin(prepared.cloud.xyz[order], code, settings.max_points)
     with clock("skeleton"):
-        skeleton = build_skeleton(xyz, np.zeros(3), beta=beta, n_neighbours=settings.n_neighbours)
+        skeleton = build_skeleton(
+            xyz,
+            np.zeros(3),
+            beta=beta,
+            n_neighbours=settings.n_neighbours,
+            thickest=_thickest(prepared, xyz),
+        )
     with clock("clusters"):
         skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
     with clock("radii"):
@@ -252,7 +261,22 @@ def _refuse_many(prepared: Prepared, settings: EncodeSettings) -> None:
         )
 
 
-def build_skeleton(xyz: np.ndarray, base: np.ndarray, *, beta: float, n_neighbours: int = 10) -> Skeleton:
+def _thickest(prepared: Prepared, xyz: np.ndarray) -> float:
+    """Radius that no part of the tree exceeds, metres: foliage is not to be taken for a trunk."""
+    size = float(np.linalg.norm(np.ptp(xyz, axis=0)))
+    if prepared.stem_spread is None:
+        return max(STEMLESS_SHARE * size, THICKEST_MARGIN)
+    return STEM_FLARE * prepared.stem_spread + THICKEST_MARGIN
+
+
+def build_skeleton(
+    xyz: np.ndarray,
+    base: np.ndarray,
+    *,
+    beta: float,
+    n_neighbours: int = 10,
+    thickest: float = np.inf,
+) -> Skeleton:
     """A fine skeleton with fitted tubes from the points of one tree.
 
     Parameters
@@ -265,6 +289,8 @@ def build_skeleton(xyz: np.ndarray, base: np.ndarray, *, beta: float, n_neighbou
         Exponent of the edge weights |u - v|^beta (thesis 3.3.1), >= 1.
     n_neighbours : int
         Nearest neighbours that a point is connected with.
+    thickest : float
+        No branch has a larger radius than this, metres.
 
     Returns
     -------
@@ -273,7 +299,7 @@ def build_skeleton(xyz: np.ndarray, base: np.ndarray, *, beta: float, n_neighbou
     graph = bridge_gaps(xyz, neighbour_graph(xyz, n_neighbours))
     sources = base_points(xyz, base, graph.spacing)
     trusted = trusted_graph(graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
-    skeleton = slice_tree(xyz, trusted, sources)
+    skeleton = replace(slice_tree(xyz, trusted, sources), thickest=thickest)
     for _ in range(ABSORB_ROUNDS):
         tube, centre, _, extent = fit_circles(xyz, skeleton)
         skeleton = absorb(skeleton, tube, centre, extent)

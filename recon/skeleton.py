@@ -57,6 +57,8 @@ class Skeleton:
         Thickness of the slices, metres.
     spacing : float
         Median distance of a point to its fourth neighbour, metres.
+    thickest : float
+        No branch has a larger radius than this, metres.
     """
 
     parent: np.ndarray
@@ -68,6 +70,7 @@ class Skeleton:
     arc: np.ndarray
     slice_width: float
     spacing: float
+    thickest: float = np.inf
 
     @property
     def n_nodes(self) -> int:

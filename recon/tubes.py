@@ -72,7 +72,8 @@ def fit_circles(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
     )
     with np.errstate(invalid="ignore"):
         accepted = (
-            (inside <= MAX_CIRCLE_INSIDE)
+            (radius <= skeleton.thickest)
+            & (inside <= MAX_CIRCLE_INSIDE)
             & (used >= MIN_CIRCLE_POINTS)
             & (arc >= MIN_CIRCLE_ARC)
             & (scatter < MAX_CIRCLE_SCATTER * radius)
@@ -97,9 +98,7 @@ def absorb(skeleton: Skeleton, tube: np.ndarray, centre: np.ndarray, extent: np.
 
     chains = chains_of(skeleton)
     into = tubes.absorb_into_tubes(skeleton.parent, chains.onward, centre, tube, extent, TUBE_SLACK)
-    tubes.absorb_rims(
-        chains.head, skeleton.parent, chains.onward, centre, tube, into, RIM_REACH, TUBE_SLACK
-    )
+    tubes.absorb_rims(chains.head, skeleton.parent, chains.onward, centre, tube, into, RIM_REACH, TUBE_SLACK)
     return merge_nodes(skeleton, into)
 
 
@@ -145,6 +144,7 @@ def fit_tubes(xyz: np.ndarray, skeleton: Skeleton) -> Skeleton:
         STIFFNESS,
         RADIUS_STIFFNESS,
     )
+    radius = np.minimum(radius, skeleton.thickest)
     return replace(skeleton, position=position, radius=radius, is_tube=is_tube, arc=arc)
 
 
@@ -186,4 +186,4 @@ def polish(xyz: np.ndarray, skeleton: Skeleton, rounds: int = POLISH_ROUNDS) -> 
         POLISH_STIFFNESS,
         POLISH_RADIUS_STIFFNESS,
     )
-    return replace(skeleton, position=position, radius=radius)
+    return replace(skeleton, position=position, radius=np.minimum(radius, skeleton.thickest))

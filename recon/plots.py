@@ -1,0 +1,69 @@
+"""Several trees in one scan: which points are whose, simply."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from recon.neighbours import bridge_gaps, neighbour_graph
+from recon.ordering import morton_order, thin
+from recon.stems import CROWN_SHARE, Stems, crown_tops, separate_stems
+
+MAX_POINTS = 150_000  # of the thinned cloud that ways are looked for in
+WAY_EXPONENT = 2.0  # ways take short steps: a gap between two crowns costs more than its length
+STEM_REACH = 0.3  # metres around a stem, beyond its spread, where its tree begins
+STEM_TOP = 2.0  # metres above its middle in the slab
+
+
+def nearest_tree(xyz: np.ndarray, stems: Stems, height: np.ndarray) -> np.ndarray:
+    """Number of the tree that each point is nearest to on a way through the points.
+
+    Trees begin at the stems that stand apart on the ground. Where no two are seen (from the air) they
+    are the tops of the crowns, and a point belongs to the nearest top on the map.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+        Metres.
+    stems : Stems
+    height : (n,) float64
+        Above the ground, metres.
+
+    Returns
+    -------
+    (n,) int64
+        From 0.
+    """
+    from scipy.spatial import cKDTree
+
+    top = float(np.quantile(height, 0.998))
+    chosen = separate_stems(xyz, stems, height, top)
+    if chosen.size < 2:
+        tops = crown_tops(xyz[height > CROWN_SHARE * top], top)
+        return cKDTree(tops).query(xyz[:, :2])[1] if len(tops) else np.zeros(len(xyz), np.int64)
+    order, code, _ = morton_order(xyz)
+    thinned, cell_of = thin(xyz[order], code, MAX_POINTS)
+    tree = np.empty(len(xyz), np.int64)
+    tree[order] = _by_ways(thinned, stems.centre[chosen], stems.spread[chosen])[cell_of]
+    return tree
+
+
+def _by_ways(xyz: np.ndarray, centre: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Stem from which the shortest way leads to each point."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    graph = bridge_gaps(xyz, neighbour_graph(xyz))
+    weight = csr_matrix((graph.length**WAY_EXPONENT, graph.neighbour, graph.start), shape=(len(xyz),) * 2)
+    source, owner = [], []
+    for k, (middle, radius) in enumerate(zip(centre, spread, strict=True)):
+        near = np.hypot(*(xyz[:, :2] - middle[:2]).T) < radius + STEM_REACH
+        at = np.flatnonzero(near & (xyz[:, 2] < middle[2] + STEM_TOP))
+        source.append(at)
+        owner.append(np.full(at.size, k))
+    rows = np.concatenate(source)
+    of_point = np.full(len(xyz), -1, np.int64)
+    of_point[rows[::-1]] = np.concatenate(owner)[::-1]
+    _, _, start = dijkstra(
+        weight, directed=True, indices=np.unique(rows), return_predecessors=True, min_only=True
+    )
+    return of_point[start]
