@@ -55,7 +55,7 @@ def read_cloud(
     -----
     Memory is about 1.5 times the points kept, and two blocks of a million.
     """
-    name = os.fspath(path)
+    name = os.fsdecode(path)
     if max_points < MIN_POINTS:
         raise InputError(f"max_points must be at least {MIN_POINTS}, got {max_points}.")
     if decimal not in (None, ".", ","):
@@ -63,38 +63,55 @@ def read_cloud(
     source = open_source(name, as_points=as_points, decimal=decimal)
     thinner = Thinner(max_points)
     n_read = dropped = 0
-    for chunk in source.chunks:
-        n_read += len(chunk.xyz)
-        chunk, lost = _finite(chunk)
-        dropped += lost
-        thinner.add(chunk)
-    return _assemble(name, source, thinner, n_read, dropped)
+    try:
+        for chunk in source.chunks:
+            n_read += len(chunk.xyz)
+            chunk, lost = _finite(chunk)
+            dropped += lost
+            thinner.add(chunk)
+    except OSError as error:
+        raise InputError(
+            f"{name}: reading broke off after {n_read} points ({error.strerror}). Check the disk."
+        ) from error
+    return _assemble(name, source, thinner, n_read + source.n_skipped, dropped)
 
 
 def open_source(path: str, *, as_points: bool = False, decimal: str | None = None) -> Source:
     """Open `path` with the reader its first bytes call for."""
     head = _read_head(path)
-    from recon.formats import las, ply, text
+    from recon.formats import e57, las, npy, pcd, ply, text
+    from recon.formats.foreign import refuse_foreign
 
     if ply.is_ply(head):
         return ply.open_ply(path, as_points=as_points)
     if las.is_las(head):
         return las.open_las(path)
+    if e57.is_e57(head):
+        return e57.open_e57(path)
+    if npy.is_npy(head):
+        return npy.open_npy(path)
+    if pcd.is_pcd(head):
+        return pcd.open_pcd(path)
+    refuse_foreign(path, head)
     return text.open_text(path, decimal=decimal)
 
 
 def _read_head(path: str) -> bytes:
-    if os.path.isdir(path):
-        raise InputError(f"{path}: this is a folder; name a scan in it.")
     try:
+        if os.path.isdir(path):
+            raise InputError(f"{path}: this is a folder; name a scan in it.")
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise InputError(f"{path}: this is not a regular file; save the scan to one first.")
         with open(path, "rb") as file:
             head = file.read(HEAD)
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
+        raise InputError(f"{path}: there is no such file. Check the path.") from None
     except PermissionError:
-        raise InputError(f"{path}: the file may not be read; check its permissions.") from None
+        raise InputError(f"{path}: the file may not be read. Check its permissions.") from None
     except OSError as error:
-        raise InputError(f"{path}: the file cannot be opened ({error.strerror}).") from None
+        raise InputError(f"{path}: the file cannot be opened ({error.strerror}). Check the path.") from None
+    except ValueError:
+        raise InputError(f"{path!r}: this cannot be the name of a file. Check the path.") from None
     if not head:
         raise FormatError(f"{path}: the file is empty. Export the scan again.")
     return head
@@ -114,26 +131,25 @@ def _assemble(path: str, source: Source, thinner: Thinner, n_read: int, dropped:
     notes = list(source.notes)
     if dropped:
         notes.append(f"{dropped} of {n_read} points have no finite coordinates and were left out")
-    if len(chunk.xyz) < MIN_POINTS:
+    n = len(chunk.xyz)
+    if n < MIN_POINTS:
         raise InputError(
-            f"{path}: {len(chunk.xyz)} usable points are too few for a tree (at least {MIN_POINTS})."
+            f"{path}: {n} usable points are too few for a tree (at least {MIN_POINTS}). Check the export."
         )
-    if (chunk.xyz == chunk.xyz[0]).all():
-        raise InputError(f"{path}: all {len(chunk.xyz)} points are the same. Export the scan again.")
+    low, high = chunk.xyz.min(axis=0), chunk.xyz.max(axis=0)
+    if (low == high).all():
+        raise InputError(f"{path}: all {n} points are the same. Export the scan again.")
+    if source.is_geographic and (high - low)[:2].max() < 1 and np.abs([low[:2], high[:2]]).max() <= 360:
+        raise InputError(
+            f"{path}: the coordinates are degrees{f' (EPSG {source.epsg})' if source.epsg else ''}. "
+            "Project the scan to metres first."
+        )
     if thinner.voxel > 0:
         notes.append(
-            f"{n_read} points were thinned to {len(chunk.xyz)}, one in each voxel of about {thinner.voxel:.3g} (max_points)"
+            f"{n_read} points were thinned to {n}, one in each voxel of about {thinner.voxel:.3g} "
+            "(max_points)"
         )
-    fields = {}
-    if "color" in chunk.extra:
-        fields["color"] = _color(chunk.extra["color"])
-    if "intensity" in chunk.extra:
-        fields["intensity"] = np.asarray(chunk.extra["intensity"], np.float32)
-    if "tree" in chunk.extra:
-        fields["tree_id"] = _tree_id(chunk.extra["tree"], source.names["tree"], notes)
-    for key, sign in (("wood", True), ("leaf", False)):
-        if key in chunk.extra:
-            fields["is_wood"] = _is_wood(chunk.extra[key], source.names[key], sign, notes)
+    fields = _fields(chunk, source, notes)
     origin = near_origin(chunk.xyz)
     return Cloud(
         chunk.xyz - origin, origin, epsg=source.epsg, unit=source.unit, notes=tuple(notes),
@@ -141,35 +157,57 @@ def _assemble(path: str, source: Source, thinner: Thinner, n_read: int, dropped:
     )  # fmt: skip
 
 
+def _fields(chunk: Chunk, source: Source, notes: list[str]) -> dict[str, np.ndarray | None]:
+    """What the file says of each point, as the cloud stores it; a column that is zero everywhere "
+    "says nothing."""
+    fields: dict[str, np.ndarray | None] = {}
+    if "color" in chunk.extra and chunk.extra["color"].any():
+        fields["color"] = _color(chunk.extra["color"])
+    if "intensity" in chunk.extra and chunk.extra["intensity"].any():
+        top = float(np.finfo(np.float32).max)
+        fields["intensity"] = np.clip(chunk.extra["intensity"], -top, top).astype(np.float32)
+    if "tree" in chunk.extra:
+        fields["tree_id"] = _tree_id(chunk.extra["tree"], source.names["tree"], notes)
+    for key, sign in (("wood", True), ("leaf", False)):
+        if key in chunk.extra:
+            fields["is_wood"] = _is_wood(chunk.extra[key], source.names[key], sign, notes)
+    return fields
+
+
 def _color(raw: np.ndarray) -> np.ndarray:
+    """Colours as bytes: those stored as fractions of one or with 16 bits are told by the largest."""
     if raw.dtype == np.uint8:
         return raw
-    top = float(raw.max(initial=0))
+    value = np.clip(np.nan_to_num(raw), 0, 65535)
+    top = float(value.max(initial=0))
     scale = 1.0
     if raw.dtype.kind == "f" and top <= 1.0:
         scale = 255.0
     elif top > 255:
         scale = 255.0 / 65535.0
-    return np.clip(np.nan_to_num(raw) * scale, 0, 255).astype(np.uint8)
+    return np.clip(np.rint(value * scale), 0, 255).astype(np.uint8)
 
 
 def _tree_id(raw: np.ndarray, name: str, notes: list[str]) -> np.ndarray | None:
     value = np.where(np.isfinite(raw), raw, -1)
-    if (value != np.round(value)).any() or np.abs(value).max(initial=0) > np.iinfo(np.int32).max:
+    if (value != np.round(value)).any() or np.abs(value.astype(np.float64)).max() > np.iinfo(np.int32).max:
         notes.append(f"{name} does not hold whole numbers and was not used as a tree's number")
         return None
-    return value.astype(np.int32)
+    value = value.astype(np.int32)
+    notes.append(f"{name} was read as the number of the tree ({len(np.unique(value))} different)")
+    return value
 
 
 def _is_wood(raw: np.ndarray, name: str, means_wood: bool, notes: list[str]) -> np.ndarray | None:
-    value = np.nan_to_num(raw)
-    if value.min(initial=0) < 0 or value.max(initial=0) > 1:
-        notes.append(f"{name} is not between 0 and 1 and was not used as a label of wood or leaf")
+    if not np.isfinite(raw).all() or raw.min() < 0 or raw.max() > 1:
+        notes.append(f"{name} is not between 0 and 1 everywhere and was not used as a label of wood or leaf")
         return None
-    high = value > 0.5
-    notes.append(
-        f"{name} was read as {'wood' if means_wood else 'leaf'} where it is above 0.5 ({high.mean():.0%} of the points)"
-    )
+    if raw.min() == raw.max():
+        notes.append(f"{name} is the same for all points and was not used as a label of wood or leaf")
+        return None
+    high = raw > 0.5
+    word = "wood" if means_wood else "leaf"
+    notes.append(f"{name} was read as {word} where it is above 0.5 ({high.mean():.0%} of the points)")
     return high if means_wood else ~high
 
 

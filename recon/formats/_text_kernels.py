@@ -13,7 +13,7 @@ MAX_EXACT_POWER = 22  # 10^22 is the largest power of ten a float64 holds exactl
 
 @_jit
 def _blank(c):
-    return c == SPACE or c == TAB or c == RETURN or c == QUOTE or c == APOSTROPHE
+    return c in (SPACE, TAB, RETURN, QUOTE, APOSTROPHE)
 
 
 @_jit

@@ -1,7 +1,8 @@
 """LAS and LAZ in blocks, with what a decoder would trust checked first.
 
 Points are unpacked with NumPy from the layout in the header; LAZ is decompressed by lazrs, the decoder that
-laspy uses. laspy itself is not: it refuses files that name a dimension twice and follows any count in a header.
+laspy uses. laspy itself is not used: it refuses files that name a dimension twice and follows any count that
+a header declares.
 """
 
 from __future__ import annotations
@@ -147,7 +148,8 @@ def _check_laz(file: BinaryIO, header: LasHeader, path: str, notes: list[str]) -
     n_chunks = struct.unpack("<4xI", file.read(8))[0]
     if n_chunks > (table - header.start - 8) // header.record_size:
         raise FormatError(
-            f"{path}: the LAZ file declares {n_chunks} blocks of points, more than fit into it. Copy it again."
+            f"{path}: the LAZ file declares {n_chunks} blocks of points, more than fit into it. "
+            "Copy it again."
         )
     file.seek(header.start)
     try:

@@ -1,4 +1,4 @@
-"""The header of a LAS or LAZ file, read without trust: every size is held against the file's before it is used.
+"""The header of a LAS or LAZ file, read without trust: each size is held against the file's before use.
 
 Based on: ASPRS, "LAS Specification 1.4 - R15", 2019; M. Isenburg, "LASzip: lossless compression of LiDAR
 data", PE&RS 79(2), 2013 (the record that names the compressed items).
@@ -106,7 +106,8 @@ def read_header(file: BinaryIO, path: str) -> LasHeader:
         )
     if not SMALLEST_HEADER <= header_size <= start <= size:
         raise FormatError(
-            f"{path}: the LAS points should begin at byte {start} of {size}, after a header of {header_size}: "
+            f"{path}: the LAS points should begin at byte {start} of {size}, after a header of "
+            f"{header_size}: "
             "the header is damaged or the file cut off. Copy it again."
         )
     numbers = np.frombuffer(raw, "<f8", 12, 131)

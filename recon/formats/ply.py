@@ -7,6 +7,7 @@ declares 10^12 points or stops half way is refused or read as far as it goes, an
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
@@ -15,7 +16,7 @@ import numpy as np
 
 from recon.formats.chunks import CHUNK, Chunk, Source
 from recon.formats.columns import ColumnMap, chunk_of, map_columns
-from treegraph.errors import FormatError
+from treegraph.errors import FormatError, InputError
 
 MAX_HEADER = 1 << 20  # bytes
 TYPES = {
@@ -55,7 +56,9 @@ def open_ply(path: str, *, as_points: bool = False) -> Source:
     Raises
     ------
     FormatError
-        For a broken header, missing vertices, or a mesh unless `as_points`.
+        For a broken header or missing vertices.
+    InputError
+        For a mesh, unless `as_points`.
     """
     with open(path, "rb") as file:
         order, elements, start = _read_header(file, path)
@@ -71,14 +74,15 @@ def open_ply(path: str, *, as_points: bool = False) -> Source:
         )
     faces = sum(e.count for e in elements if e.name.lower() in ("face", "faces", "tristrips"))
     if faces and not as_points:
-        raise FormatError(
+        raise InputError(
             f"{path}: this PLY is a mesh of {faces} faces, not a scan. Give a point cloud, "
             "or read its vertices with as_points=True (--as-points)."
         )
     columns = map_columns([name for name, _, _ in vertex.properties])
     if columns.xyz is None:
         raise FormatError(
-            f"{path}: the PLY vertices have no x, y and z, only {', '.join(p[0] for p in vertex.properties) or 'nothing'}."
+            f"{path}: the PLY vertices have no x, y and z, only "
+            f"{', '.join(p[0] for p in vertex.properties) or 'nothing'}."
         )
     source = Source(iter(()), names=dict(columns.names))
     if faces:
@@ -110,7 +114,7 @@ def _read_header(file: BinaryIO, path: str) -> tuple[str, list[Element], int]:
             continue
         if words[0] == "format" and len(words) > 1 and words[1] in FORMATS:
             order = FORMATS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
+        elif words[0] == "element" and len(words) == 3 and re.fullmatch("[0-9]{1,18}", words[2]):
             elements.append(Element(words[1], int(words[2])))
         elif words[0] == "property" and elements:
             elements[-1].properties.append(_property(words, path))
@@ -158,10 +162,12 @@ def _binary_chunks(
         if there < vertex.count:
             if there <= 0:
                 raise FormatError(
-                    f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again."
+                    f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. "
+                    "Copy it again."
                 )
             notes.append(
-                f"the file declares {vertex.count} points and ends after {there}: it is cut off; those there were read"
+                f"the file declares {vertex.count} points and ends after {there}: it is cut off; "
+                "those there were read"
             )
         for begin in range(0, there, CHUNK):
             rows = np.fromfile(file, dtype, min(CHUNK, there - begin))
@@ -171,14 +177,14 @@ def _binary_chunks(
 def _skip_binary(file: BinaryIO, element: Element, order: str, size: int, path: str) -> None:
     """Step over an element that stands before the vertices."""
     if not element.has_list():
-        file.seek(element.count * element.dtype(order).itemsize, os.SEEK_CUR)
+        file.seek(min(file.tell() + element.count * element.dtype(order).itemsize, size))
         return
     for _ in range(element.count):
         for _, kind, length in element.properties:
             n = 1
             if length:
                 count = np.fromfile(file, order + length, 1)
-                n = int(count[0]) if count.size else -1
+                n = int(count[0]) if count.size and np.isfinite(count[0]) else -1
             if n < 0 or file.tell() + n * np.dtype(kind).itemsize > size:
                 raise FormatError(
                     f"{path}: the PLY is cut off or damaged in element {element.name}. Export it again."
@@ -210,8 +216,10 @@ def _ascii_chunks(
     if seen < vertex.count:
         if seen == 0:
             raise FormatError(
-                f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. Copy it again."
+                f"{path}: the PLY declares {vertex.count} points and holds none; it is cut off. "
+                "Copy it again."
             )
         notes.append(
-            f"the file declares {vertex.count} points and ends after {seen}: it is cut off; those there were read"
+            f"the file declares {vertex.count} points and ends after {seen}: it is cut off; those "
+            "there were read"
         )

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from recon.formats.chunks import Chunk, Source
+from recon.formats.chunks import CHUNK, Chunk, Source
 from recon.formats.columns import ColumnMap, chunk_of, map_columns
 from treegraph.errors import FormatError
 
@@ -22,6 +22,9 @@ MIN_SAMPLE_ROWS = 5  # rows before a column of consecutive integers is taken for
 MAX_BAD_SHARE = 0.1  # of the lines; more that are not numbers and the file is refused
 COMMENT = ("#", "//", "%", "!", "*")
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
+_GENERIC = re.compile(
+    r"(v|c|f|col|column|field|var|scalar)?[ _]?\d*$", re.IGNORECASE
+)  # names that say nothing
 _MISSING = re.compile(r"(nan|na|n/a|null|none|[-+]?inf|-)?$", re.IGNORECASE)
 
 
@@ -114,6 +117,7 @@ def parse_rows(
     slot = np.full(max(wanted) + 1, -1, np.int64)
     slot[wanted] = np.arange(len(wanted))
     info = np.zeros(3, np.int64)
+    marks = (ord(layout.delimiter), ord(layout.decimal))
     n_rows = 0
     left = np.iinfo(np.int64).max if max_rows is None else max_rows
     for block in _blocks(path, start):
@@ -125,35 +129,38 @@ def parse_rows(
         if at:
             block = block[at:]
         buf = np.frombuffer(block, np.uint8)
-        out = np.empty((min(left, block.count(b"\n")), len(wanted)), np.float64)
-        if len(out) == 0:
-            continue
-        rows, _ = parse_lines(
-            buf, len(buf), ord(layout.delimiter), ord(layout.decimal), slot, len(wanted), len(out), out, info
-        )
-        n_rows += rows
-        left -= rows
-        _refuse_if_mostly_bad(path, info, n_rows)
-        if rows:
-            yield chunk_of(columns, lambda i: out[:rows, slot[i]])  # noqa: B023
+        at = 0
+        while at < len(buf) and left > 0:
+            lines = block.count(b"\n", at) if len(buf) - at < BLOCK else CHUNK
+            out = np.empty((min(left, lines, CHUNK), len(wanted)), np.float64)
+            rows, read = parse_lines(buf[at:], len(buf) - at, *marks, slot, len(wanted), len(out), out, info)
+            at += read
+            n_rows += rows
+            left -= rows
+            _refuse_if_mostly_bad(path, info, n_rows)
+            if rows:
+                yield chunk_of(columns, lambda i: out[:rows, slot[i]])  # noqa: B023
         if left <= 0:
             break
     if info[0] and notes is not None:
         notes.append(
-            f"{info[0]} of {n_rows + info[0]} lines are not rows of numbers and were left out (first: line {info[1]})"
+            f"{info[0]} of {n_rows + info[0]} lines are not rows of numbers and were left out "
+            f"(first: line {info[1]})"
         )
 
 
 def _refuse_if_mostly_bad(path: str, info: np.ndarray, n_rows: int) -> None:
     if info[0] > max(1, MAX_BAD_SHARE * (n_rows + info[0])):
         raise FormatError(
-            f"{path}: {info[0]} of the first {n_rows + info[0]} lines are not rows of numbers like the others "
+            f"{path}: {info[0]} of the first {n_rows + info[0]} lines are not rows of numbers like "
+            "the others "
             f"(first: line {info[1]}). Save the scan as plain x y z columns with one delimiter."
         )
 
 
 def open_text(path: str, *, decimal: str | None = None) -> Source:
-    """Open a text file of points, guessing delimiter, decimal mark, header and columns from its first lines."""
+    """Open a text file of points, guessing delimiter, decimal mark, header and columns from its "
+    "first lines."""
     lines = sample_lines(path)
     layout, notes = guess_layout(lines, path, decimal)
     source = Source(iter(()), notes=notes, names=dict(layout.columns.names))
@@ -189,7 +196,10 @@ def guess_layout(lines: list[str], path: str, decimal: str | None = None) -> tup
     n_columns = _most_common([len(t) for t in table])
     table = [t for t in table if len(t) == n_columns]
     names = _header_names(lines[:first], delimiter)
-    columns, notes = _choose_columns(names, table, n_columns, mark, path)
+    is_comment = any(
+        line.strip().startswith(COMMENT) for line in lines[:first] if re.search("[A-Za-z]", line)
+    )
+    columns, notes = _choose_columns(names, table, n_columns, mark, path, is_comment)
     return Layout(delimiter, mark, columns, n_columns, first), notes
 
 
@@ -255,20 +265,26 @@ def _header_names(lines: list[str], delimiter: str | None) -> list[str]:
 
 def _guess_marks(rows: list[str], path: str, decimal: str | None, names: list[str]) -> tuple[str, str]:
     """Delimiter and decimal mark of `rows`."""
-    for delimiter in (";", "|"):
-        if all(delimiter in row for row in rows):
+    for delimiter in (";", "|", "\t"):
+        if all(row.count(delimiter) >= 2 for row in rows):
             return delimiter, decimal or _mark_within(rows, delimiter, path)
     if not any("," in row for row in rows):
         return " ", decimal or "."
     blank = [row.split() for row in rows]
     if all(len(words) >= 3 for words in blank):
-        trailing = any(w.endswith(",") or w.startswith(",") or w == "," for words in blank for w in words)
+        trailing = any(w.endswith(",") or w.startswith(",") for words in blank for w in words)
         if not trailing:
             return " ", decimal or _mark_within(rows, " ", path)
-        if any(re.search(r"\d,\d", row) for row in rows):
-            return _spaced_commas(rows, path, decimal)
-        return ",", decimal or "."
+        if any(re.search(r"\d,\d", row) for row in rows) and not any("." in row for row in rows):
+            raise FormatError(
+                f"{path}: commas stand both inside numbers and between them ({_shown(rows)}). "
+                "Save the scan with ';' or blanks between the columns."
+            )
     return _bare_commas(rows, path, decimal, names)
+
+
+def _shown(rows: list[str]) -> str:
+    return repr(rows[0].strip()[:40])
 
 
 def _mark_within(rows: list[str], delimiter: str, path: str) -> str:
@@ -277,36 +293,33 @@ def _mark_within(rows: list[str], delimiter: str, path: str) -> str:
     commas = any("," in row for row in rows)
     if dots and commas:
         raise FormatError(
-            f"{path}: numbers with both commas and points in them ({rows[0].strip()[:40]!r}); thousands separators "
+            f"{path}: numbers with both commas and points in them ({_shown(rows)}); thousands separators "
             "are not read. Save the scan without them."
         )
     return "," if commas else "."
-
-
-def _spaced_commas(rows: list[str], path: str, decimal: str | None) -> tuple[str, str]:
-    raise FormatError(
-        f"{path}: commas stand both inside numbers and between them ({rows[0].strip()[:40]!r}). Save the scan with ';' or blanks between the columns."
-    )
 
 
 def _bare_commas(rows: list[str], path: str, decimal: str | None, names: list[str]) -> tuple[str, str]:
     """Only commas separate: they can hardly be decimal marks too."""
     if decimal == ",":
         raise FormatError(
-            f"{path}: the comma cannot be both the decimal mark and the delimiter. Save the scan with ';' between the columns."
+            f"{path}: the comma cannot be both the decimal mark and the delimiter. "
+            "Save the scan with ';' between the columns."
         )
-    counts = {len(split_line(row, ",")) for row in rows}
-    if decimal is None and not any("." in row for row in rows) and max(counts) >= 6 and max(counts) % 2 == 0:
-        if len(names) != max(counts):
-            raise FormatError(
-                f"{path}: {rows[0].strip()[:40]!r} could be {max(counts)} whole numbers or {max(counts) // 2} numbers with "
-                "decimal commas. Save the scan with ';' or blanks between the columns, or name all columns in a header."
-            )
+    most = max(len(split_line(row, ",")) for row in rows)
+    spaced = any(re.search(r",\s", row) for row in rows)
+    unclear = decimal is None and not spaced and not any("." in row for row in rows)
+    if unclear and most >= 6 and most % 2 == 0 and len(names) != most:
+        raise FormatError(
+            f"{path}: {_shown(rows)} could be {most} whole numbers or {most // 2} numbers with "
+            "decimal commas. "
+            "Save the scan with ';' or blanks between the columns, or name all columns in a header."
+        )
     return ",", "."
 
 
 def _choose_columns(
-    names: list[str], table: list[list[str]], n_columns: int, mark: str, path: str
+    names: list[str], table: list[list[str]], n_columns: int, mark: str, path: str, is_comment: bool
 ) -> tuple[ColumnMap, list[str]]:
     """Which column is what, from the header or, without one, from the values."""
     notes: list[str] = []
@@ -321,9 +334,11 @@ def _choose_columns(
                     f"column {', '.join(columns.unclear)} was not used: its name does not say what it means"
                 )
             return columns, notes
-        notes.append(
-            f"the header ({' '.join(names)[:40]}) does not name x, y and z; the first three columns were read as such"
-        )
+        if len(names) == n_columns and not all(_GENERIC.match(name) for name in names) and not is_comment:
+            raise FormatError(
+                f"{path}: the header names the columns {', '.join(names)[:60]}, but none x, y and z. "
+                "Rename those that hold the coordinates."
+            )
     if n_columns < 3:
         raise FormatError(f"{path}: lines have {n_columns} columns, but a point needs x, y and z.")
     return _guess_columns(table, n_columns, mark, notes), notes
