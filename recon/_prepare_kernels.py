@@ -99,3 +99,20 @@ def column_cover(z, group, n_groups, low, bin_height, n_bins):
     for g in range(n_groups):
         out[g] = seen[g].sum() / n_bins
     return out
+
+
+@_jit
+def steepest(grid):
+    """Largest difference of each finite cell from its finite neighbours across an edge, 0 without any."""
+    nx, ny = grid.shape
+    out = np.zeros((nx, ny))
+    for i in range(nx):
+        for j in range(ny):
+            if not math.isfinite(grid[i, j]):
+                continue
+            for k in range(4):
+                a = i + (1 if k == 0 else -1 if k == 1 else 0)
+                b = j + (1 if k == 2 else -1 if k == 3 else 0)
+                if 0 <= a < nx and 0 <= b < ny and math.isfinite(grid[a, b]):
+                    out[i, j] = max(out[i, j], abs(grid[a, b] - grid[i, j]))
+    return out

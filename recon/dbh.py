@@ -14,6 +14,8 @@ SEARCH_RADII = 1.6  # points this near the axis, in radii of the fitted trunk
 MIN_POINTS = 10
 MIN_ARC = 0.4  # share of the round
 MAX_SCATTER = 0.15  # scale of the residuals, in radii
+MAX_TUBE_SCATTER = 0.4  # points that scatter more, in radii, speak against the fitted trunk, too
+MAX_SLENDERNESS = 0.08  # diameter over height of a fitted trunk to be believed without a circle
 INSIDE = 0.6  # a trunk is empty nearer to its axis than this, in radii ...
 MAX_INSIDE = 0.15  # ... but for this share of the points
 MAX_SHIFT = 0.5  # a circle whose centre is farther from the trunk's axis, in radii, is another's
@@ -42,7 +44,9 @@ class BreastHeight:
     arc: float
 
 
-def breast_height(xyz: np.ndarray, skeleton: Skeleton, measured: np.ndarray) -> BreastHeight:
+def breast_height(
+    xyz: np.ndarray, skeleton: Skeleton, measured: np.ndarray, has_stem: bool = True
+) -> BreastHeight:
     """Fit a circle across the trunk 1.3 m above its foot.
 
     Parameters
@@ -53,21 +57,25 @@ def breast_height(xyz: np.ndarray, skeleton: Skeleton, measured: np.ndarray) -> 
         With final radii.
     measured : (n_nodes,) bool
         Where a circle stands behind a node's radius.
+    has_stem : bool
+        Whether an upright stem stands out near the foot; without one only a circle counts.
 
     Returns
     -------
     BreastHeight
         From a circle of the points if they close at least 40% of the round, lie on it and leave
-        its middle empty; else from the fitted trunk if that is measured there; else none.
+        its middle empty; else from the fitted trunk if that is measured there and the points of the
+        slice are few or near its surface; else none.
     """
     found = _trunk_at(skeleton, BREAST_HEIGHT)
     if found is None:
         return BreastHeight(None, "none", f"the stem does not reach {BREAST_HEIGHT} m above its foot", 0.0)
     centre, radius, direction, node = found
-    circle, reason = _circle(xyz, centre, radius, direction)
+    circle, reason, scatter = _circle(xyz, centre, radius, direction)
     if circle is not None:
         return BreastHeight(2 * circle[0], "circle", None, circle[1])
-    if measured[node]:
+    slender = 2 * radius <= MAX_SLENDERNESS * skeleton.position[:, 2].max()
+    if measured[node] and has_stem and slender and scatter <= MAX_TUBE_SCATTER:
         return BreastHeight(2 * radius, "tube", reason, 0.0)
     return BreastHeight(None, "none", reason, 0.0)
 
@@ -88,8 +96,8 @@ def _trunk_at(skeleton: Skeleton, height: float) -> tuple[np.ndarray, float, np.
 
 def _circle(
     xyz: np.ndarray, centre: np.ndarray, radius: float, direction: np.ndarray
-) -> tuple[tuple[float, float] | None, str | None]:
-    """Radius and arc of a circle of the points across the trunk, or why there is none."""
+) -> tuple[tuple[float, float] | None, str | None, float]:
+    """Radius and arc of a circle of the points across the trunk, or why there is none; its scatter in radii."""
     from recon import _tube_kernels as tubes
 
     offset = xyz - centre
@@ -101,17 +109,47 @@ def _circle(
     x, y = x[close], y[close]
     where = f"between {BREAST_HEIGHT - HALF_SLICE:.1f} and {BREAST_HEIGHT + HALF_SLICE:.1f} m"
     if x.size < MIN_POINTS:
-        return None, f"only {x.size} points on the trunk {where}"
+        return None, f"only {x.size} points on the trunk {where}", 0.0
     weight = np.ones(x.size)
     cx, cy, r, scatter = tubes.refine_circle(x, y, 0.0, 0.0, radius, weight, 20)
     arc = float(tubes.arc_covered(x, y, cx, cy, weight))
     if np.hypot(cx, cy) > MAX_SHIFT * radius or not 1 / MAX_RATIO < r / radius < MAX_RATIO:
-        return None, f"the points {where} show no circle around the trunk"
+        return None, f"the points {where} show no circle around the trunk", scatter / r
     if arc < MIN_ARC:
-        return None, f"points {where} on only {100 * arc:.0f}% of the trunk's round"
+        return None, f"points {where} on only {100 * arc:.0f}% of the trunk's round", scatter / r
     if scatter > MAX_SCATTER * r:
-        return None, f"the points {where} scatter by {100 * scatter / r:.0f}% of the radius"
+        return None, f"the points {where} scatter by {100 * scatter / r:.0f}% of the radius", scatter / r
     inside = np.mean(np.hypot(x - cx, y - cy) < INSIDE * r)
     if inside > MAX_INSIDE:
-        return None, f"{100 * inside:.0f}% of the points {where} lie inside the trunk"
-    return (float(r), arc), None
+        return None, f"{100 * inside:.0f}% of the points {where} lie inside the trunk", scatter / r
+    return (float(r), arc), None, scatter / r
+
+
+def hold_breast_height(skeleton: Skeleton, radius: np.ndarray, found: BreastHeight) -> np.ndarray:
+    """Radii that agree with a circle at breast height: no thinner below it on the trunk, no thicker above.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    radius : (n,) float64
+        Metres, not growing towards the tips.
+    found : BreastHeight
+
+    Returns
+    -------
+    (n,) float64
+        Not growing towards the tips; `radius` if the diameter is not from a circle.
+    """
+    if found.diameter is None or found.method != "circle":
+        return radius
+    out = radius.copy()
+    onward = chains_of(skeleton).onward
+    node, below = 0, True
+    while node >= 0:
+        below = below and skeleton.position[node, 2] < BREAST_HEIGHT
+        bound = max if below else min
+        out[node] = bound(out[node], 0.5 * found.diameter)
+        node = int(onward[node])
+    for i in range(1, out.size):
+        out[i] = min(out[i], out[skeleton.parent[i]])
+    return out

@@ -15,7 +15,7 @@ import numpy as np
 
 from recon.cloud import Cloud
 from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters, median_turn
-from recon.dbh import BreastHeight, breast_height
+from recon.dbh import BreastHeight, breast_height, hold_breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
 from recon.preparing import Prepared, PrepareSettings, prepare
@@ -215,7 +215,8 @@ def encode_with_report(
         skeleton = polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
         skeleton = replace(skeleton, radius=radius)
-        dbh = breast_height(xyz, skeleton, measured)
+        dbh = breast_height(xyz, skeleton, measured, prepared.stem_spread is not None)
+        radius = hold_breast_height(skeleton, radius, dbh)
     with clock("hulls"):
         clusters = ()
         if f_s < LEAFLESS_F_S:

@@ -19,7 +19,7 @@ FLAT_TOLERANCE = 0.20  # metres from the plane ...
 FLAT_SHARE = 0.8  # ... of so many of its cells
 MAX_SLOPE = 1.0  # rise over run
 BELOW_SHARE = 0.03  # of all cells that may lie below the ground
-THICKNESS = 0.12  # points up to this above the ground belong to it, metres
+THICKNESS = 0.12  # points up to this (and a cell's rise) above the ground belong to it, metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +48,11 @@ class Ground:
 
     def is_ground(self, xyz: np.ndarray) -> np.ndarray:
         """True for points of the ground, (n,) bool."""
-        return (
-            xyz[:, 2] < self.under(xyz) + THICKNESS
-            if np.isfinite(self.height).any()
-            else np.zeros(len(xyz), bool)
-        )
+        from recon import _prepare_kernels as kernels
+
+        rise = np.minimum(kernels.steepest(self.height), STEP)
+        top = np.where(np.isfinite(self.height), self.height + THICKNESS + rise, -np.inf)
+        return xyz[:, 2] < kernels.grid_values(xyz, self.low, self.cell, top)
 
     def near(self, x: float, y: float) -> float:
         """Height of the ground at the known cell nearest to a place."""

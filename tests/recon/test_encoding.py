@@ -66,8 +66,9 @@ def test_heading_does_not_matter(rng):
 
 def test_thinned_points_give_the_same_tree(rng):
     xyz = forked_tree(rng, density=60_000)
-    full, few = encode_with_report(xyz, settings=WOOD), encode_with_report(
-        xyz, settings=EncodeSettings(f_s=1.0, max_points=12_000)
+    full, few = (
+        encode_with_report(xyz, settings=WOOD),
+        encode_with_report(xyz, settings=EncodeSettings(f_s=1.0, max_points=12_000)),
     )
     assert few.report.n_points_used <= 12_000 < full.report.n_points_used
     a, b = (graph_samples(e.tree.graph)[0] + e.tree.origin for e in (full, few))
@@ -129,4 +130,7 @@ def test_too_few_points(n):
 
 @pytest.mark.parametrize("max_nodes", [16, 100])
 def test_budget_of_nodes(rng, max_nodes):
-    assert encode(forked_tree(rng), settings=EncodeSettings(f_s=1.0, max_nodes=max_nodes)).graph.n_nodes <= max_nodes
+    assert (
+        encode(forked_tree(rng), settings=EncodeSettings(f_s=1.0, max_nodes=max_nodes)).graph.n_nodes
+        <= max_nodes
+    )

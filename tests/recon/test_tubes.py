@@ -84,7 +84,9 @@ def test_half_a_cylinder_has_its_axis_not_that_of_its_points(rng):
     xyz = tube((0, 0, 0), (0, 0, 3.0), 0.15, 0.15, 8000, rng, arc=0.5, noise=0.002)
     skeleton, _ = skeleton_of(xyz)
     middle = slice(2, -2)
-    assert off_axis(skeleton, (0, 0, 0), (0, 0, 1))[middle].max() < 0.03  # the mean of the points is 0.095 off
+    assert (
+        off_axis(skeleton, (0, 0, 0), (0, 0, 1))[middle].max() < 0.03
+    )  # the mean of the points is 0.095 off
     npt.assert_allclose(skeleton.radius[middle], 0.15, rtol=0.1)
 
 
@@ -121,14 +123,20 @@ def test_merging_and_reordering_keep_points_and_parents(rng):
     mine = skeleton.label == tip
     assert mine.any()
     assert (kept.label[mine] >= 0).all() and (lost.label[mine] == -1).all()
-    npt.assert_allclose(kept.position[lost.home[mine]], skeleton.position[[skeleton.parent[tip]] * mine.sum()])
+    npt.assert_allclose(
+        kept.position[lost.home[mine]], skeleton.position[[skeleton.parent[tip]] * mine.sum()]
+    )
     npt.assert_array_equal(kept.label[~mine] < 0, skeleton.label[~mine] < 0)
     order = np.argsort(chains_of(kept).n_points, kind="stable")
     order = np.concatenate([[0], order[order != 0]])
     moved = reorder(kept, order)
-    npt.assert_allclose(moved.position[moved.label[kept.label >= 0]], kept.position[kept.label[kept.label >= 0]])
+    npt.assert_allclose(
+        moved.position[moved.label[kept.label >= 0]], kept.position[kept.label[kept.label >= 0]]
+    )
     child = np.flatnonzero(moved.parent >= 0)
-    there = {tuple(p) for p in np.hstack([moved.position[child], moved.position[moved.parent[child]]]).tolist()}
+    there = {
+        tuple(p) for p in np.hstack([moved.position[child], moved.position[moved.parent[child]]]).tolist()
+    }
     child = np.flatnonzero(kept.parent >= 0)
     assert there == {
         tuple(p) for p in np.hstack([kept.position[child], kept.position[kept.parent[child]]]).tolist()
