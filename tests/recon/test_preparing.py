@@ -261,7 +261,7 @@ def test_tree_numbers_of_the_file(rng):
 
 def test_lying_stems_are_remarked(rng):
     parts = [((0.0, 0, 5.0 + 2.5 * k), (0.0, 8.0, 5.0 + 2.5 * k), 0.06, 0.05) for k in range(4)]
-    wall = np.column_stack([rng.uniform(-1, 1, 9000), 0.01 * rng.standard_normal(9000), rng.uniform(0, 14, 9000)])
+    wall = np.column_stack([rng.uniform(-4, 4, 9000), 0.01 * rng.standard_normal(9000), rng.uniform(0, 14, 9000)])
     got = prepare(np.concatenate([forked_tree(rng, parts=parts), wall]))
     assert any("if that is up, pass up='y'" in note for note in got.notes)
 
