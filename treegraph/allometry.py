@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treegraph.errors import InputError
-from treegraph.graph import NO_PARENT, TreeGraph
+from treegraph.graph import TreeGraph
 
 __all__ = ["DEFAULT_ALLOMETRY", "SPECIES_ALLOMETRY", "Allometry", "allometric_radii", "find_allometry"]
 
@@ -152,5 +152,4 @@ def allometric_radii(tree: TreeGraph, root_diameter: float, gamma: float) -> NDA
     whole = carried[root]
     share = np.ones(tree.n_nodes)
     np.divide(carried, whole, out=share, where=whole > 0.0)
-    share[tree.parent == NO_PARENT] = 1.0
     return 0.5 * root_diameter * share**gamma
