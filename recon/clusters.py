@@ -28,6 +28,7 @@ MIN_CLUSTER_SHARE = 0.002  # of all leaf points; smaller pieces are strays
 REACH_SPACINGS = 3.0  # leaves farther apart, in point spacings, are not of one cluster ...
 REACH = 0.15  # ... nor farther than this, metres, where points are dense
 HULL_POINTS = 300  # that a hull is made from
+MOST_OF_TARGET = 2.0  # a cluster with so many times its share of the points is halved
 MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
 
 
@@ -139,7 +140,9 @@ def bough_groups(skeleton: Skeleton, leafy: np.ndarray, max_clusters: int) -> np
     return tubes.gather_groups(skeleton.parent, chains.onward, count, target)[skeleton.home].astype(np.int64)
 
 
-def cluster_points(xyz: np.ndarray, skeleton: Skeleton, group: np.ndarray) -> list[PointGroup]:
+def cluster_points(
+    xyz: np.ndarray, skeleton: Skeleton, group: np.ndarray, max_clusters: int
+) -> list[PointGroup]:
     """The points that belong to no branch, by their groups and the gaps within them.
 
     Parameters
@@ -149,6 +152,8 @@ def cluster_points(xyz: np.ndarray, skeleton: Skeleton, group: np.ndarray) -> li
         Main branches only; `label` -1 marks the points that belong to none of them.
     group : (n,) int64
         From :func:`bough_groups`.
+    max_clusters : int
+        About how many clusters to make.
 
     Returns
     -------
@@ -166,15 +171,43 @@ def cluster_points(xyz: np.ndarray, skeleton: Skeleton, group: np.ndarray) -> li
     if row.size < MIN_CLUSTER_POINTS:
         return []
     fewest = max(MIN_CLUSTER_POINTS, MIN_CLUSTER_SHARE * row.size)
+    target = row.size / max_clusters
     reach = max(REACH_SPACINGS * skeleton.spacing, REACH)
     found = []
     for g in np.unique(group[row]):
         member = row[group[row] == g]
         piece = separate(xyz[member], reach)
         for k in np.flatnonzero(np.bincount(piece) >= fewest):
-            mine = member[piece == k]
-            found.append(PointGroup(mine, np.unique(skeleton.home[mine]).astype(np.int32)))
+            for part in halves(xyz[member[piece == k]], int(MOST_OF_TARGET * target) + 1):
+                mine = member[piece == k][part]
+                found.append(PointGroup(mine, np.unique(skeleton.home[mine]).astype(np.int32)))
     return found
+
+
+def halves(xyz: np.ndarray, most: int) -> list[np.ndarray]:
+    """Rows of a set of points, halved across its longest side until no part has more than `most`.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+    most : int
+        > 0.
+
+    Returns
+    -------
+    list of (k,) int64
+        Every row once, each part ascending.
+    """
+    todo, done = [np.arange(len(xyz))], []
+    while todo:
+        row = todo.pop()
+        if row.size <= most:
+            done.append(row)
+            continue
+        side = int(np.argmax(np.ptp(xyz[row], axis=0)))
+        order = row[np.argsort(xyz[row, side], kind="stable")]
+        todo += [np.sort(order[row.size // 2 :]), np.sort(order[: row.size // 2])]
+    return done
 
 
 def separate(xyz: np.ndarray, reach: float) -> np.ndarray:

@@ -220,7 +220,8 @@ def encode_with_report(
     with clock("hulls"):
         clusters = ()
         if f_s < LEAFLESS_F_S:
-            clusters = make_clusters(xyz, cluster_points(xyz, skeleton, group), settings.max_faces)
+            groups = cluster_points(xyz, skeleton, group, settings.max_clusters)
+            clusters = make_clusters(xyz, groups, settings.max_faces)
     graph = TreeGraph(
         skeleton.parent,
         skeleton.position,

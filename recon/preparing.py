@@ -127,7 +127,7 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     _enough(len(index))
     ground = None if settings.keep_ground else find_ground(xyz)
     stems, height, top = _stems_above(xyz, ground)
-    if ground is None and len(stems.centre) == 0 and settings.up == "z":
+    if len(stems.centre) == 0 and settings.up == "z":
         _remark_lying(xyz, notes)
     n_trees = _n_numbered(given, settings) or count_trees(xyz, stems, height, top)
     if n_trees > 1 and settings.largest:

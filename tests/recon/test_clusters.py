@@ -3,7 +3,7 @@ import pytest
 from synthetic import crown, forked_tree
 
 from recon import EncodeSettings, encode_with_report
-from recon.clusters import separate
+from recon.clusters import halves, separate
 from recon.hulls import mesh_volume
 
 
@@ -81,3 +81,11 @@ def test_strays_are_in_no_cluster(rng):
     xyz = np.concatenate([leafy_tree(rng), [[3.5, 3.5, 4.0]]])
     top = np.concatenate([c.vertices for c in encoded(xyz).tree.clusters])
     assert top[:, :2].max() < 2.6
+
+
+def test_halves_are_parts_of_bounded_size(rng):
+    xyz = rng.random((1000, 3)) * [5, 1, 1]
+    parts = halves(xyz, 150)
+    assert sorted(np.concatenate(parts).tolist()) == list(range(1000))
+    assert max(p.size for p in parts) <= 150
+    assert all(np.ptp(xyz[p, 0]) < 1.0 for p in parts)
