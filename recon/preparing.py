@@ -30,8 +30,8 @@ STRAY_GAP = 0.10  # ... if it is so much of the extent away from the rest
 STRAY_CELLS = 4.0  # ... and so many cells
 MIN_TREE_SHARE = 0.02  # of the numbered points; smaller numbers are no trees
 FOOT_SHARE = 0.04  # of the height: where the foot is looked for if there is no stem
-LYING_STEMS = 2  # along another axis than z are no chance ...
-LYING_POINTS = 50  # ... if they have so many points
+LYING_STEMS = 4  # along another axis than z are no chance ...
+LYING_POINTS = 200  # ... if they have so many points
 WIDE_FOOT = 0.08  # lowest points spread wider than this share of the height are no foot
 GROUND_RADIUS_STEPS = 2.0  # the trunk keeps its points down to the ground this far around, in spreads
 
