@@ -8,7 +8,7 @@ import signal
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -107,7 +107,7 @@ def run_job(job: Job, progress: Callable[[str], object] | None = None) -> Outcom
 
 def run_batch(
     jobs: Sequence[Job], n_workers: int, work: Callable[[Job], Outcome] = run_job
-) -> Iterator[Outcome]:
+) -> Generator[Outcome, None, None]:
     """Do jobs on `n_workers` processes and yield what comes of each as it ends.
 
     `work` is what a process does with a job; it must be importable there.
@@ -193,8 +193,7 @@ def _cause(exitcode: int | None) -> str:
 
 
 def _serve(connection: Connection, work: Callable[[Job], Outcome]) -> None:
-    """Do the jobs that come; runs in the worker."""
-    signal.signal(signal.SIGTERM, _leave)
+    """Do the jobs that come; runs in the worker, which may be ended at any time: the parent tidies up."""
     os.dup2(sys.stderr.fileno(), 1)  # whatever a library prints must not mix with the parent's output
     while True:
         try:
@@ -202,10 +201,6 @@ def _serve(connection: Connection, work: Callable[[Job], Outcome]) -> None:
         except (EOFError, OSError):
             return
         connection.send(work(job))
-
-
-def _leave(number: int, frame: object) -> None:
-    raise SystemExit(128 + number)
 
 
 def one_line(error: BaseException) -> str:

@@ -8,7 +8,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from importlib import metadata, util
+from importlib import metadata
 from pathlib import Path
 
 from sapwood._version import __version__
@@ -29,7 +29,6 @@ LOW_DISK = 1_000_000_000
 """Bytes below which a disk counts as full: kernels and outputs need about a tenth of it."""
 
 FIX_GL = "apt-get install libegl1 libgl1 libosmesa6 (pictures are drawn without it, a little slower)"
-PROBED = ("treegraph", "recon", "render", "sapwood")
 
 
 @dataclass(frozen=True)
@@ -94,37 +93,17 @@ def _machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors{memory}"
 
 
-def cache_folders() -> list[Path]:
-    """Where the compiled kernels are kept: one folder if the user named it, else one a package."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named:
-        return [Path(named)]
-    folders = []
-    for package in PROBED:
-        spec = util.find_spec(package)
-        if spec is not None and spec.origin is not None:
-            folders.append(Path(spec.origin).parent / "__pycache__")
-    return folders
-
-
 def _check_cache() -> Check:
-    folders = cache_folders()
-    kept = [file for folder in folders if folder.is_dir() for file in folder.rglob("*.nbc")]
-    closed = [folder for folder in folders if not _writable(folder)]
-    if closed and not _writable(Path.home() / ".cache"):
-        fix = "export NUMBA_CACHE_DIR=/a/folder/you/can/write"
-        return Check("kernel cache", BROKEN, f"{closed[0]} cannot be written, nor can ~/.cache", fix)
-    size = sum(file.stat().st_size for file in kept)
-    if not kept:
+    from sapwood import kernels
+
+    if not kernels.can_keep():
+        fix = f"export {kernels.PLACE_VARIABLE}=/a/folder/you/can/write"
+        return Check("kernel cache", BROKEN, f"{kernels.cache_folders()[0]} cannot be written", fix)
+    files = kernels.kept()
+    if not files:
         return Check("kernel cache", OK, "empty: the first run compiles for a minute or two")
-    return Check("kernel cache", OK, f"{len(kept)} compiled kernels, {size / 1e6:.0f} MB")
-
-
-def _writable(folder: Path) -> bool:
-    """Whether a file can be made in `folder`, or in the nearest folder above it that is there."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return os.access(folder, os.W_OK)
+    size = sum(file.stat().st_size for file in files)
+    return Check("kernel cache", OK, f"{len(files)} compiled kernels, {size / 1e6:.0f} MB")
 
 
 def _check_disk() -> Check:

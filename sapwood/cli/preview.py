@@ -70,6 +70,7 @@ def preview(
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     check_free([output], force=force)
     _check_suffix(output, turntable)
+    terminal.warn_of_compiling()
     look: dict[str, Any] = {"renderer": renderer.value}
     if size is not None:
         look["size"] = o.parse_size(size)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -133,16 +134,19 @@ def run(
     wanted = {"preview": saving["preview"], "turntable": saving["turntable"]}
     files = [folder / file for name in names for file in output_names(name, **wanted)]
     check_free(files, force=saving["force"])
+    terminal.warn_of_compiling()
     outcomes: list[Outcome] = []
     with Staging(folder) as staging:
         jobs = [
             Job(str(path), name, str(folder), str(staging.path), reading, saving)
             for path, name in zip(paths, names, strict=True)
         ]
-        for outcome in _outcomes(terminal, jobs, n_workers):
-            outcomes.append(outcome)
-            _say(terminal, outcome, len(outcomes), len(jobs))
-    outcomes.sort(key=lambda outcome: names.index(outcome.job.name))
+        with closing(_outcomes(terminal, jobs, n_workers)) as coming:  # no worker outlives its folder
+            for outcome in coming:
+                outcomes.append(outcome)
+                _say(terminal, outcome, len(outcomes), len(jobs))
+    place = {name: k for k, name in enumerate(names)}
+    outcomes.sort(key=lambda outcome: place[outcome.job.name])
     failed = [outcome for outcome in outcomes if outcome.kind != DONE]
     for outcome in outcomes:
         if outcome.report is not None:
@@ -170,7 +174,7 @@ def _check_options(reading: dict[str, Any]) -> None:
     make_settings(**{key: value for key, value in reading.items() if key not in skipped})
 
 
-def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Iterator[Outcome]:
+def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Generator[Outcome, None, None]:
     """What comes of each scan: one is done here, several by workers."""
     from sapwood.batch import run_batch, run_job
 
@@ -179,8 +183,11 @@ def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Iterat
             outcome = run_job(jobs[0], _stage_sayer(line, jobs[0].name))
         yield outcome
         return
-    with terminal.progress(len(jobs), "scans") as bar:
-        for outcome in run_batch(jobs, min(n_workers, len(jobs))):
+    with (
+        terminal.progress(len(jobs), "scans") as bar,
+        closing(run_batch(jobs, min(n_workers, len(jobs)))) as coming,
+    ):
+        for outcome in coming:
             bar.advance()
             yield outcome
 

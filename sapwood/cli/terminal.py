@@ -66,6 +66,17 @@ class Terminal:
             self._said.add(text)
             self.note(text)
 
+    def warn_of_compiling(self) -> None:
+        """Say, to someone who waits at a terminal, why the first run on a machine takes its time."""
+        from sapwood import kernels
+
+        if not kernels.can_keep():
+            self.notice(
+                f"compiled kernels cannot be kept; name a folder for them with {kernels.PLACE_VARIABLE}"
+            )
+        elif self.shows_progress and not kernels.kept():
+            self.notice("the first run compiles its kernels, which takes a minute or two; once")
+
     def error(self, text: str, trace: str = "") -> None:
         """What went wrong; said even when quiet."""
         if trace and self.verbose:

@@ -346,12 +346,37 @@ def test_doctor_names_what_is_broken_and_the_fix(run, monkeypatch):
 
 
 def test_doctor_without_a_place_for_kernels(monkeypatch, tmp_path):
+    from sapwood import kernels
     from sapwood.cli import doctor
 
-    monkeypatch.setattr(doctor, "_writable", lambda folder: False)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(kernels.PLACE_VARIABLE, str(tmp_path / "file" / "kernels"))
     check = doctor._check_cache()
     assert check.state == "broken"
     assert check.fix.startswith("export NUMBA_CACHE_DIR=")
+
+
+def test_a_first_run_says_why_it_takes_its_time(monkeypatch, tmp_path, capsys):
+    from sapwood import kernels
+    from sapwood.cli.terminal import Terminal
+
+    monkeypatch.setenv(kernels.PLACE_VARIABLE, str(tmp_path))
+    Terminal().warn_of_compiling()  # nobody waits
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    terminal = Terminal()
+    terminal.warn_of_compiling()
+    terminal.warn_of_compiling()
+    said = capsys.readouterr().err
+    assert said == "note: the first run compiles its kernels, which takes a minute or two; once\n"
+    (tmp_path / "recon_1").mkdir()
+    (tmp_path / "recon_1" / "a.nbc").write_bytes(b"")
+    Terminal().warn_of_compiling()
+    monkeypatch.setenv(kernels.PLACE_VARIABLE, str(tmp_path / "recon_1" / "a.nbc" / "no"))
+    Terminal().warn_of_compiling()
+    assert capsys.readouterr().err == (
+        "note: compiled kernels cannot be kept; name a folder for them with NUMBA_CACHE_DIR\n"
+    )
 
 
 # ---------------------------------------------------------------- all commands
