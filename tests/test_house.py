@@ -238,3 +238,25 @@ def test_licence_is_apache():
     assert "Apache License" in text
     assert "Version 2.0, January 2004" in text
     assert PROJECT["project"]["license"] == "Apache-2.0"
+
+
+# ---------------------------------------------------------------- tests
+
+
+def test_missing_system_library_skips_and_another_failure_does_not(pytester):
+    pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text(encoding="utf-8"))
+    pytester.makepyfile(
+        """
+        def test_library():
+            raise ImportError("libEGL.so.1: cannot open shared object file: No such file or directory")
+
+        def test_module():
+            raise ImportError("No module named 'nowhere'")
+
+        def test_fine():
+            pass
+        """
+    )
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-rs")
+    result.assert_outcomes(skipped=1, failed=1, passed=1)
+    result.stdout.fnmatch_lines(["*the system library libEGL.so.1 is missing*"])

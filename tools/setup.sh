@@ -91,7 +91,7 @@ if [ -n "$missing" ]; then
     if apt_install $missing; then
         say "installed the system libraries $missing"
     else
-        say "system libraries are missing; going on without OpenGL (and without Open3D, if libusb is among them)."
+        say "system libraries are missing; going on without OpenGL and Open3D (pictures are drawn in software)."
         say "To have them, run: sudo apt-get install -y --no-install-recommends $missing"
     fi
 fi
