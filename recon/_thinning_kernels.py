@@ -18,10 +18,10 @@ def _mix(x):
 
 
 @_jit
-def _key(x, y, z, edge):
-    a = np.uint64(np.int64(np.floor(x / edge[0])))
-    b = np.uint64(np.int64(np.floor(y / edge[1])))
-    c = np.uint64(np.int64(np.floor(z / edge[2])))
+def _key(x, y, z, per_edge):
+    a = np.uint64(np.int64(np.floor(x * per_edge[0])))
+    b = np.uint64(np.int64(np.floor(y * per_edge[1])))
+    c = np.uint64(np.int64(np.floor(z * per_edge[2])))
     return _mix(_mix(_mix(a) ^ b) ^ c)
 
 
@@ -31,17 +31,18 @@ def _rank(bits, i):
 
 
 @_jit
-def keep_one_per_voxel(xyz, bits, edge, limit, key, row):
+def keep_one_per_voxel(xyz, bits, edge, limit, key, best, row):
     """Fill `row` with the point of smallest rank in each voxel of size `edge`.
 
-    xyz (n, 3) float64; bits: the same bytes as uint64; key (2^k,) uint64 and row (2^k,) int32 or int64:
-    the table, larger than `limit`, row full of EMPTY. Returns the number of voxels, or -1 once they are
-    more than `limit`.
+    xyz (n, 3) float64; bits: the same bytes as uint64; key and best (2^k,) uint64 and row (2^k,) int32 or
+    int64: the table, larger than `limit`, row full of EMPTY. Returns the number of voxels, or -1 once they
+    are more than `limit`.
     """
     mask = np.uint64(key.size - 1)
     used = 0
+    per_edge = 1.0 / edge  # exact: edges are powers of two
     for i in range(len(xyz)):
-        k = _key(xyz[i, 0], xyz[i, 1], xyz[i, 2], edge)
+        k = _key(xyz[i, 0], xyz[i, 1], xyz[i, 2], per_edge)
         slot = k & mask
         while row[slot] != EMPTY and key[slot] != k:
             slot = (slot + np.uint64(1)) & mask
@@ -50,7 +51,11 @@ def keep_one_per_voxel(xyz, bits, edge, limit, key, row):
             if used > limit:
                 return -1
             key[slot] = k
+            best[slot] = _rank(bits, i)
             row[slot] = i
-        elif _rank(bits, i) < _rank(bits, row[slot]):
-            row[slot] = i
+        else:
+            rank = _rank(bits, i)
+            if rank < best[slot]:
+                best[slot] = rank
+                row[slot] = i
     return used

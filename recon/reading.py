@@ -97,11 +97,11 @@ def open_source(path: str, *, as_points: bool = False, decimal: str | None = Non
 
 
 def _read_head(path: str) -> bytes:
+    if os.path.isdir(path):
+        raise InputError(f"{path}: this is a folder; name a scan in it.")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise InputError(f"{path}: this is not a regular file; save the scan to one first.")
     try:
-        if os.path.isdir(path):
-            raise InputError(f"{path}: this is a folder; name a scan in it.")
-        if os.path.exists(path) and not os.path.isfile(path):
-            raise InputError(f"{path}: this is not a regular file; save the scan to one first.")
         with open(path, "rb") as file:
             head = file.read(HEAD)
     except FileNotFoundError:

@@ -7,7 +7,8 @@ import numpy as np
 from recon.formats.chunks import Chunk
 
 FINEST = 2.0**-14  # edge of the finest voxel in units of the file: 0.06 mm in metres
-SPARE = 0.25  # share of max_points that is gathered before thinning again
+SPARE = 0.25  # share of max_points that is gathered before thinning again,
+SPARE_POINTS = 3_000_000  # and so many more, as each thinning goes over all
 MAX_LEVEL = 180  # voxels of 2^46 units, more than any coordinate
 
 
@@ -42,7 +43,7 @@ class Thinner:
             return
         self._parts.append(chunk)
         self._held += len(chunk.xyz)
-        if self._held > self.max_points * (1 + SPARE):
+        if self._held > self.max_points * (1 + SPARE) + SPARE_POINTS:
             self._thin()
 
     def result(self) -> Chunk:
@@ -101,7 +102,7 @@ def thin_rows(xyz: np.ndarray, max_points: int, level: int = 0) -> tuple[int, np
 
     Notes
     -----
-    O(n) for each of the levels tried, about eight; 12 to 32 bytes for each of `max_points`.
+    O(n) for each of the levels tried, about eight; 32 to 64 bytes for each of `max_points`.
     """
     low, high = level, MAX_LEVEL
     best = None
@@ -125,9 +126,9 @@ def _one_per_voxel(xyz: np.ndarray, level: int, max_points: int) -> np.ndarray |
     from recon._thinning_kernels import EMPTY, keep_one_per_voxel
 
     size = 1 << int(np.ceil(np.log2(1.6 * min(max_points, len(xyz)) + 2)))
-    key = np.empty(size, np.uint64)
+    key, best = np.empty(size, np.uint64), np.empty(size, np.uint64)
     row = np.full(size, EMPTY, np.int32 if len(xyz) < 2**31 else np.int64)
     bits = xyz.view(np.uint64)
-    if keep_one_per_voxel(xyz, bits, voxel_edges(level), max_points, key, row) < 0:
+    if keep_one_per_voxel(xyz, bits, voxel_edges(level), max_points, key, best, row) < 0:
         return None
     return np.sort(row[row != EMPTY]).astype(np.int64)

@@ -9,6 +9,7 @@ NEWLINE, RETURN, SPACE, TAB, QUOTE, APOSTROPHE = 10, 13, 32, 9, 34, 39
 PLUS, MINUS, ZERO, NINE, LOWER_E, UPPER_E = 43, 45, 48, 57, 101, 69
 MAX_DIGITS = 18  # of a mantissa, so that it fits an int64
 MAX_EXACT_POWER = 22  # 10^22 is the largest power of ten a float64 holds exactly
+SMALLEST_POWER = 280
 
 
 @_jit
@@ -80,6 +81,9 @@ def _number(buf, i, decimal, delimiter):
             power += -exponent if minus else exponent
             i = j
     value = float(mantissa)
+    if power < -SMALLEST_POWER:  # 10^power would be 0 before the product is
+        value *= 10.0**-SMALLEST_POWER
+        power += SMALLEST_POWER
     if power > MAX_EXACT_POWER or power < -MAX_EXACT_POWER:
         value *= 10.0**power
     elif power < 0:

@@ -259,7 +259,10 @@ def _header_names(lines: list[str], delimiter: str | None) -> list[str]:
             names = re.findall(r'"([^"]*)"', text)
         else:
             names = re.split(r"[\s,;|]+", text)
-        return [n.strip().strip("\"'") for n in names]
+        names = [n.strip().strip("\"'") for n in names]
+        if all(_MISSING.match(n) or _is_number(n) for n in names):
+            continue
+        return names
     return []
 
 
@@ -348,7 +351,7 @@ def _guess_columns(table: list[list[str]], n_columns: int, mark: str, notes: lis
     """Columns of a file without header: x y z, then colours if three columns look like them."""
     values = np.array([[_to_float(w, mark) for w in row] for row in table])
     first = 0
-    if n_columns > 3 and len(values) >= MIN_SAMPLE_ROWS and (np.diff(values[:, 0]) == 1).all():
+    if n_columns > 3 and len(values) >= MIN_SAMPLE_ROWS and _counts(values[:, 0]):
         first = 1
         notes.append("the first column counts the lines and was left out")
     columns = ColumnMap((first, first + 1, first + 2))
@@ -370,6 +373,11 @@ def _guess_columns(table: list[list[str]], n_columns: int, mark: str, notes: lis
     if unused:
         notes.append(f"column {', '.join(unused)} has no name and was not used")
     return columns
+
+
+def _counts(column: np.ndarray) -> bool:
+    """Whether a column holds consecutive whole numbers."""
+    return bool((np.diff(column) == 1).all() and column[0] == np.round(column[0]))
 
 
 def _to_float(word: str, mark: str) -> float:

@@ -7,7 +7,16 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from scan_files import (
-    FORMATS, e57_world, lzf_literal, pcd_bytes, ply_bytes, some_colors, some_points, write_e57, write_las, write_scan,
+    FORMATS,
+    e57_world,
+    lzf_literal,
+    pcd_bytes,
+    ply_bytes,
+    some_colors,
+    some_points,
+    write_e57,
+    write_las,
+    write_scan,
 )  # fmt: skip
 
 import recon
@@ -50,6 +59,7 @@ def test_blocks_do_not_matter(tmp_path, kind, monkeypatch):
     for module in ("e57", "las", "npy", "pcd", "ply", "text"):
         monkeypatch.setattr(f"recon.formats.{module}.CHUNK", 17)
     monkeypatch.setattr("recon.formats.text.BLOCK", 256)
+    monkeypatch.setattr("recon.thinning.SPARE_POINTS", 0)
     parts = recon.read_cloud(path, max_points=50)
     npt.assert_array_equal(parts.xyz, whole.xyz)
     for name in ("color", "intensity", "tree_id", "is_wood"):

@@ -4,9 +4,9 @@ import random
 
 import numpy as np
 import pytest
+from scan_files import FORMATS, some_points, write_scan
 
 import recon
-from scan_files import FORMATS, some_points, write_scan
 from treegraph.errors import FormatError, InputError
 
 QUICK, THOROUGH = 140, 5000  # mutations of each format

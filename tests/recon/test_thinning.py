@@ -10,6 +10,11 @@ from recon.formats.chunks import Chunk
 from recon.thinning import FINEST, Thinner, thin_rows, voxel_edges
 
 
+@pytest.fixture(autouse=True)
+def _thin_often(monkeypatch):
+    monkeypatch.setattr("recon.thinning.SPARE_POINTS", 0)
+
+
 def thin(xyz, max_points, blocks=1, label=None):
     thinner = Thinner(max_points)
     label = np.arange(len(xyz)) if label is None else label
@@ -19,7 +24,7 @@ def thin(xyz, max_points, blocks=1, label=None):
 
 
 def slow_thin(xyz, max_points):
-    """Every level in turn, voxels in a dictionary: the number of voxels of the first level that is coarse enough."""
+    """Every level in turn, voxels in a set: the first level that is coarse enough, and its voxels."""
     for level in range(200):
         cells = {tuple(cell) for cell in np.floor(xyz / voxel_edges(level)).astype(int)}
         if len(cells) <= max_points:
