@@ -113,7 +113,7 @@ class Cloud:
 
 
 def _frozen(array: Any, dtype: type) -> np.ndarray:
-    view = np.ascontiguousarray(array, dtype=dtype).view()
+    view: np.ndarray = np.ascontiguousarray(array, dtype=dtype).view()
     view.flags.writeable = False
     return view
 

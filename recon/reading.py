@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 
 import numpy as np
 
-from recon.cloud import Cloud, near_origin
+from recon.cloud import Cloud
 from recon.formats.chunks import Chunk, Source
 from recon.thinning import Thinner
 from treegraph.errors import FormatError, InputError
@@ -150,9 +149,10 @@ def _assemble(path: str, source: Source, thinner: Thinner, n_read: int, dropped:
             "(max_points)"
         )
     fields = _fields(chunk, source, notes)
-    origin = near_origin(chunk.xyz)
+    origin = np.floor(low)
+    chunk.xyz -= origin  # in place: the chunk is not used again
     return Cloud(
-        chunk.xyz - origin, origin, epsg=source.epsg, unit=source.unit, notes=tuple(notes),
+        chunk.xyz, origin, epsg=source.epsg, unit=source.unit, notes=tuple(notes),
         source=os.path.basename(path), n_read=n_read, **fields,
     )  # fmt: skip
 
@@ -209,9 +209,3 @@ def _is_wood(raw: np.ndarray, name: str, means_wood: bool, notes: list[str]) -> 
     word = "wood" if means_wood else "leaf"
     notes.append(f"{name} was read as {word} where it is above 0.5 ({high.mean():.0%} of the points)")
     return high if means_wood else ~high
-
-
-def iter_points(path: str) -> Iterator[np.ndarray]:
-    """The coordinates of a file block by block, world frame; for tools that need no more."""
-    for chunk in open_source(os.fspath(path)).chunks:
-        yield chunk.xyz

@@ -13,7 +13,7 @@ from treegraph.errors import FormatError, InputError
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 COLOR = ("colorRed", "colorGreen", "colorBlue")
-INVALID = {CARTESIAN: "cartesianInvalidState", SPHERICAL: "sphericalInvalidState"}
+INVALID: dict[tuple[str, ...], str] = {CARTESIAN: "cartesianInvalidState", SPHERICAL: "sphericalInvalidState"}
 
 
 def is_e57(head: bytes) -> bool:

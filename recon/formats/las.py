@@ -163,17 +163,21 @@ def _check_laz(file: BinaryIO, header: LasHeader, path: str, notes: list[str]) -
     for n_points, n_bytes in chunks:
         if n_bytes < header.record_size or at + n_bytes > table:
             raise FormatError(f"{path}: the LAZ points end before their table says so. Copy the file again.")
-        most += n_points if chunk_size == VARIABLE_CHUNKS else chunk_size
-        _check_layers(file, header, items, at, n_bytes, path)
+        own = _check_layers(file, header, items, at, n_bytes, path)
+        room = n_points if chunk_size == VARIABLE_CHUNKS else chunk_size
+        most += room if own is None else min(own, room)
         at += n_bytes
     if header.declared == 0 or most == 0:
         raise FormatError(f"{path}: the LAS header declares no points. Export the scan again.")
     if header.declared > most:
         notes.append(f"the header declares {header.declared} points, but the file holds at most {most}")
-    elif chunk_size != VARIABLE_CHUNKS and header.declared <= most - chunk_size:
+    elif header.point_format >= 6 and header.declared < most:
         notes.append(
-            f"the header declares {header.declared} points, but the file holds more; those were not read"
+            f"the header declares {header.declared} points, but the file holds {most}; all were read"
         )
+        return most
+    elif header.declared <= most - chunk_size:  # without layers the last chunk's points are not counted
+        notes.append(f"the header declares {header.declared} points, but there are more; those were not read")
     return min(header.declared, most)
 
 
@@ -200,18 +204,22 @@ def _items(header: LasHeader, path: str) -> tuple[list[tuple[int, int]], int]:
 
 def _check_layers(
     file: BinaryIO, header: LasHeader, items: list[tuple[int, int]], at: int, n_bytes: int, path: str
-) -> None:
-    """The sizes that a layered chunk declares must fit into it: the decoder allocates by them."""
+) -> int | None:
+    """The sizes that a layered chunk declares must fit into it: the decoder allocates by them.
+
+    Returns the number of points that the chunk says it has; None for a chunk without layers.
+    """
     if header.point_format < 6:
-        return
+        return None
     n_layers = sum(size if kind == ITEM_BYTES_LAYERED else ITEM_LAYERS.get(kind, 0) for kind, size in items)
-    file.seek(at + header.record_size + 4)
-    raw = file.read(4 * n_layers)
-    total = int(np.frombuffer(raw, "<u4").sum(dtype=np.uint64)) if len(raw) == 4 * n_layers else n_bytes
-    if total > n_bytes:
+    begins = header.record_size + 4 * (1 + n_layers)
+    file.seek(at + header.record_size)
+    sizes = np.frombuffer(file.read(begins - header.record_size), "<u4") if n_bytes >= begins else None
+    if sizes is None or begins + int(sizes[1:].sum(dtype=np.uint64)) > n_bytes:
         raise FormatError(
             f"{path}: a block of LAZ points declares more bytes than it has. Copy the file again."
         )
+    return int(sizes[0])
 
 
 def _chunks(

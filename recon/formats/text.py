@@ -6,7 +6,7 @@ import codecs
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import BinaryIO
 
 import numpy as np
@@ -385,8 +385,3 @@ def _to_float(word: str, mark: str) -> float:
         return float(word.replace(",", ".") if mark == "," else word)
     except ValueError:
         return float("nan")
-
-
-def with_columns(layout: Layout, columns: ColumnMap) -> Layout:
-    """`layout` reading other columns."""
-    return replace(layout, columns=columns)

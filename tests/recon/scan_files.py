@@ -57,7 +57,7 @@ def pcd_bytes(xyz: np.ndarray, kind: str, color: np.ndarray | None = None) -> by
         names, size, type_, count = names + " rgb", size + " 4", type_ + " F", count + " 1"
     head = (
         f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {names}\nSIZE {size}\n"
-        f"TYPE {type_}\nCOUNT {count}\nWIDTH {n}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {n}\nDATA {kind}\n"
+        f"TYPE {type_}\nCOUNT {count}\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\nDATA {kind}\n"
     ).encode()
     table = np.zeros(
         n, [("x", "<f8"), ("y", "<f8"), ("z", "<f8")] + ([("rgb", "<u4")] if color is not None else [])
