@@ -28,6 +28,7 @@ MIN_CLUSTER_SHARE = 0.002  # of all leaf points; smaller pieces are strays
 REACH_SPACINGS = 3.0  # leaves farther apart, in point spacings, are not of one cluster ...
 REACH = 0.15  # ... nor farther than this, metres, where points are dense
 HULL_POINTS = 300  # that a hull is made from
+SPACING_SAMPLE = 500  # points that the spacing of the leaves is taken from
 MOST_OF_TARGET = 2.0  # a cluster with so many times its share of the points is halved
 MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
 
@@ -172,7 +173,7 @@ def cluster_points(
         return []
     fewest = max(MIN_CLUSTER_POINTS, MIN_CLUSTER_SHARE * row.size)
     target = row.size / max_clusters
-    reach = max(REACH_SPACINGS * skeleton.spacing, REACH)
+    reach = max(REACH_SPACINGS * max(skeleton.spacing, _spacing(xyz[row])), REACH)
     found = []
     for g in np.unique(group[row]):
         member = row[group[row] == g]
@@ -182,6 +183,14 @@ def cluster_points(
                 mine = member[piece == k][part]
                 found.append(PointGroup(mine, np.unique(skeleton.home[mine]).astype(np.int32)))
     return found
+
+
+def _spacing(xyz: np.ndarray) -> float:
+    """Median distance of some points of a set to their fourth neighbours in it, metres."""
+    from scipy.spatial import cKDTree
+
+    some = xyz[:: max(len(xyz) // SPACING_SAMPLE, 1)]
+    return float(np.median(cKDTree(xyz).query(some, min(5, len(xyz)))[0][:, -1]))
 
 
 def halves(xyz: np.ndarray, most: int) -> list[np.ndarray]:

@@ -29,6 +29,8 @@ from treegraph.errors import InputError
 from treegraph.graph import TreeGraph
 
 TRUSTED_SPACINGS = 4.0  # edges up to this many point spacings are kept unasked
+MIN_WOOD_SHARE = 0.03  # of the points that must be labelled wood for the label to be used ...
+MIN_WOOD_POINTS = 200  # ... and how many
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
@@ -199,18 +201,20 @@ def encode_with_report(
     with clock("prepare"):
         prepared = prepare(points, settings.prepare)
         _refuse_many(prepared, settings)
-        order, code, _ = morton_order(prepared.cloud.xyz)
-        xyz, _ = thin(prepared.cloud.xyz[order], code, settings.max_points)
+        xyz, n_wood = _points_to_encode(prepared.cloud, settings)
     with clock("skeleton"):
         skeleton = build_skeleton(
-            xyz,
+            xyz[:n_wood],
             np.zeros(3),
             beta=beta,
             n_neighbours=settings.n_neighbours,
             thickest=_thickest(prepared, xyz),
         )
     with clock("clusters"):
-        skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
+        if n_wood < len(xyz):
+            skeleton, f_s, group = _hang_leaves(xyz, skeleton, settings, allometry.f_s)
+        else:
+            skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
     with clock("radii"):
         skeleton = polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
@@ -239,6 +243,42 @@ def encode_with_report(
     return Encoding(tree, report, cloud)
 
 
+def _points_to_encode(cloud: Cloud, settings: EncodeSettings) -> tuple[np.ndarray, int]:
+    """Points in Z-order, thinned; and how many, the first ones, may be wood.
+
+    Where the scan labels wood and leaves, and leaves are wanted, the wood comes first.
+    """
+    wood = cloud.is_wood
+    labelled = wood is not None and MIN_WOOD_SHARE < wood.mean() < 1.0 and wood.sum() >= MIN_WOOD_POINTS
+    if not labelled or (settings.f_s is not None and settings.f_s >= LEAFLESS_F_S):
+        order, code, _ = morton_order(cloud.xyz)
+        xyz, _ = thin(cloud.xyz[order], code, settings.max_points)
+        return xyz, len(xyz)
+    parts = []
+    for mine in (wood, ~wood):
+        part = cloud.xyz[mine]
+        order, code, _ = morton_order(part)
+        parts.append(thin(part[order], code, settings.max_points // 2)[0])
+    return np.concatenate(parts), len(parts[0])
+
+
+def _hang_leaves(
+    xyz: np.ndarray, skeleton: Skeleton, settings: EncodeSettings, species_f_s: float
+) -> tuple[Skeleton, float, np.ndarray]:
+    """The skeleton of the labelled wood with the leaf points behind it hung on their nearest nodes."""
+    from scipy.spatial import cKDTree
+
+    n_wood = skeleton.label.size
+    _, nearest = cKDTree(skeleton.position).query(xyz[n_wood:])
+    whole = replace(
+        skeleton,
+        label=np.concatenate([skeleton.label, np.full(len(nearest), -1, np.int32)]),
+        home=np.concatenate([skeleton.home, nearest.astype(np.int32)]),
+    )
+    group = bough_groups(whole, np.zeros(whole.n_nodes, bool), settings.max_clusters)
+    return whole, species_f_s if settings.f_s is None else settings.f_s, group
+
+
 def _report(
     dbh: BreastHeight, clock: _Clock, prepared: Prepared, xyz: np.ndarray, f_s: float
 ) -> EncodeReport:
@@ -256,10 +296,13 @@ def _report(
 
 
 def _refuse_many(prepared: Prepared, settings: EncodeSettings) -> None:
-    if prepared.looks_like_many > 1 and not settings.prepare.largest and settings.prepare.tree_id is None:
+    chosen = (
+        settings.prepare.largest or settings.prepare.tree_id is not None or settings.prepare.base is not None
+    )
+    if prepared.looks_like_many > 1 and not chosen:
         raise InputError(
             f"this looks like {prepared.looks_like_many} trees, not one: pass largest=True (--largest) to "
-            "take the largest, or split the scan first"
+            "take the largest, give the base of one (--base), or split the scan first"
         )
 
 

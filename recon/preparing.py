@@ -130,8 +130,9 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     if len(stems.centre) == 0 and settings.up == "z":
         _remark_lying(xyz, notes)
     n_trees = _n_numbered(given, settings) or count_trees(xyz, stems, height, top)
-    if n_trees > 1 and settings.largest:
-        mine = _largest(given, index, xyz, stems, height, notes)
+    if n_trees > 1 and (settings.largest or settings.base is not None):
+        base = None if settings.base is None else _given_base(given, xyz, settings, scale)
+        mine = _one_of_many(given, index, xyz, stems, height, base, notes)
         index, xyz, height = index[mine], np.ascontiguousarray(xyz[mine]), height[mine]
         stems, height, top = _stems_above(xyz, ground)
     wood = np.ones(len(xyz), bool)
@@ -302,20 +303,47 @@ def _without_ground(xyz: np.ndarray, ground: Ground, stems: Stems, notes: list[s
     return ~is_ground
 
 
-def _largest(
-    cloud: Cloud, index: np.ndarray, xyz: np.ndarray, stems: Stems, height: np.ndarray, notes: list[str]
+def _one_of_many(
+    cloud: Cloud,
+    index: np.ndarray,
+    xyz: np.ndarray,
+    stems: Stems,
+    height: np.ndarray,
+    base: np.ndarray | None,
+    notes: list[str],
 ) -> np.ndarray:
-    """True for the points of the largest tree of several."""
+    """True for the points of the tree that stands at `base`, or of the largest without one."""
     from recon.plots import nearest_tree
 
     if cloud.tree_id is not None and (cloud.tree_id >= 0).any():
-        tree = np.asarray(cloud.tree_id)[index]
+        tree = np.asarray(cloud.tree_id)[index].astype(np.int64)
     else:
         tree = nearest_tree(xyz, stems, height)
     number, count = np.unique(tree[tree >= 0], return_counts=True)
-    mine = tree == number[np.argmax(count)]
-    notes.append(f"of {number.size} trees the largest was taken: {int(mine.sum())} of {len(xyz)} points")
+    if base is None:
+        mine = tree == number[np.argmax(count)]
+        notes.append(f"of {number.size} trees the largest was taken: {int(mine.sum())} of {len(xyz)} points")
+        return mine
+    away = np.where(tree >= 0, ((xyz - base) ** 2).sum(axis=1), np.inf)
+    mine = tree == tree[np.argmin(away)]
+    notes.append(
+        f"of {number.size} trees the one at the base was taken: {int(mine.sum())} of {len(xyz)} points"
+    )
     return mine
+
+
+def _given_base(cloud: Cloud, xyz: np.ndarray, settings: PrepareSettings, scale: float) -> np.ndarray:
+    """The base that the user gave, in the turned and scaled frame."""
+    base = np.asarray(settings.base, np.float64)
+    if base.shape != (3,) or not np.isfinite(base).all():
+        raise InputError(f"base must be three finite numbers, got {settings.base!r}")
+    base = _turned((base - cloud.origin)[None], settings.up)[0] * scale
+    away = float(np.sqrt(((xyz - base) ** 2).sum(axis=1).min()))
+    if away > 0.5 * max(float(np.ptp(xyz[:, 2])), 1.0):
+        raise InputError(
+            f"base is {away:.1f} m from the nearest point: give it in the scan's own coordinates"
+        )
+    return base
 
 
 def _base(
@@ -328,16 +356,7 @@ def _base(
 ) -> np.ndarray:
     """Foot of the trunk in the turned and scaled frame, (3,)."""
     if settings.base is not None:
-        base = np.asarray(settings.base, np.float64)
-        if base.shape != (3,) or not np.isfinite(base).all():
-            raise InputError(f"base must be three finite numbers, got {settings.base!r}")
-        base = _turned((base - cloud.origin)[None], settings.up)[0] * scale
-        away = float(np.sqrt(((xyz - base) ** 2).sum(axis=1).min()))
-        if away > 0.5 * max(float(np.ptp(xyz[:, 2])), 1.0):
-            raise InputError(
-                f"base is {away:.1f} m from the nearest point: give it in the scan's own coordinates"
-            )
-        return base
+        return _given_base(cloud, xyz, settings, scale)
     if len(stems.centre):
         foot = stem_foot(xyz, stems.centre[0], stems.spread[0])
     else:

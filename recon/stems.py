@@ -134,8 +134,10 @@ def count_trees(xyz: np.ndarray, stems: Stems, height: np.ndarray, top: float) -
     int
         At least 1.
     """
-    crown = xyz[height > CROWN_SHARE * top]
-    return max(len(separate_stems(xyz, stems, height, top)), len(crown_tops(crown, top)), 1)
+    n_stems = len(separate_stems(xyz, stems, height, top))
+    if n_stems > 1:
+        return n_stems
+    return max(len(crown_tops(xyz[height > CROWN_SHARE * top], top)), 1)
 
 
 def separate_stems(xyz: np.ndarray, stems: Stems, height: np.ndarray, top: float) -> np.ndarray:

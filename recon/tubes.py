@@ -36,9 +36,9 @@ REFINE_ROUNDS = 6
 POLISH_ROUNDS = 8
 FOOT_LOOK = 0.10  # the direction of a side chain is that of its first piece of this length, metres
 FOOT_REACH = 3.0  # its foot may move so far along the parent, in radii of it
-STIFFNESS = 6.0  # pull of a chain towards straightness, in points
+STIFFNESS = 4.0  # pull of a chain towards straightness, in points
 RADIUS_STIFFNESS = 6.0
-POLISH_STIFFNESS = 0.1
+POLISH_STIFFNESS = 0.03
 POLISH_RADIUS_STIFFNESS = 1.0
 HOLD = 1.0  # pull of a node towards where it began, in points
 

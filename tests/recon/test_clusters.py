@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic import crown, forked_tree
 
-from recon import EncodeSettings, encode_with_report
+from recon import Cloud, EncodeSettings, encode_with_report
 from recon.clusters import halves, separate
 from recon.hulls import mesh_volume
 
@@ -89,3 +89,21 @@ def test_halves_are_parts_of_bounded_size(rng):
     assert sorted(np.concatenate(parts).tolist()) == list(range(1000))
     assert max(p.size for p in parts) <= 150
     assert all(np.ptp(xyz[p, 0]) < 1.0 for p in parts)
+
+
+def test_labels_of_wood_and_leaf_are_used(rng):
+    wood, leaves = forked_tree(rng), crown(rng)
+    cloud = Cloud(
+        np.concatenate([leaves, wood]),
+        np.zeros(3),
+        is_wood=np.repeat([False, True], [len(leaves), len(wood)]),
+    )
+    result = encode_with_report(cloud)
+    bare = encode_with_report(wood, settings=EncodeSettings(f_s=1.0))
+    tips = [
+        int((np.bincount(t.graph.parent[1:], minlength=t.graph.n_nodes) == 0).sum())
+        for t in (result.tree, bare.tree)
+    ]
+    assert tips[0] == tips[1]  # no branch is made of leaves
+    assert sum(c.n_points for c in result.tree.clusters) > 0.85 * len(leaves)
+    assert encode_with_report(cloud, settings=EncodeSettings(f_s=1.0)).tree.clusters == ()
