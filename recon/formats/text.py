@@ -196,9 +196,8 @@ def guess_layout(lines: list[str], path: str, decimal: str | None = None) -> tup
     n_columns = _most_common([len(t) for t in table])
     table = [t for t in table if len(t) == n_columns]
     names = _header_names(lines[:first], delimiter)
-    is_comment = any(
-        line.strip().startswith(COMMENT) for line in lines[:first] if re.search("[A-Za-z]", line)
-    )
+    worded = [line.strip() for line in lines[:first] if re.search("[A-Za-z]", line)]
+    is_comment = bool(worded) and worded[-1].startswith(COMMENT)
     columns, notes = _choose_columns(names, table, n_columns, mark, path, is_comment)
     return Layout(delimiter, mark, columns, n_columns, first), notes
 
@@ -337,10 +336,15 @@ def _choose_columns(
                     f"column {', '.join(columns.unclear)} was not used: its name does not say what it means"
                 )
             return columns, notes
-        if len(names) == n_columns and not all(_GENERIC.match(name) for name in names) and not is_comment:
-            raise FormatError(
-                f"{path}: the header names the columns {', '.join(names)[:60]}, but none x, y and z. "
-                "Rename those that hold the coordinates."
+        if len(names) == n_columns and not all(_GENERIC.match(name) for name in names):
+            named = ", ".join(names)[:60]
+            if not is_comment:
+                raise FormatError(
+                    f"{path}: the header names the columns {named}, but none x, y and z. "
+                    "Rename those that hold the coordinates."
+                )
+            notes.append(
+                f"the header ({named}) does not name x, y and z; the first three columns were read as such"
             )
     if n_columns < 3:
         raise FormatError(f"{path}: lines have {n_columns} columns, but a point needs x, y and z.")

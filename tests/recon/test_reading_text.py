@@ -138,6 +138,16 @@ def test_rows_without_numbers_are_dropped_and_told(tmp_path):
     assert any(note.startswith("1 of 41 lines are not rows of numbers") for note in cloud.notes)
 
 
+def test_a_comment_is_no_header_but_is_told(tmp_path):
+    cloud = recon.read_cloud(write(tmp_path / "a.xyz", "# made by hand\n" + body()))
+    npt.assert_array_equal(world(cloud), EXPECTED)
+    assert any(
+        note.startswith("the header (made, by, hand) does not name x, y and z") for note in cloud.notes
+    )
+    with pytest.raises(FormatError, match="the header names the columns stem, x, y, but none x, y and z"):
+        recon.read_cloud(write(tmp_path / "b.csv", "# a map\nstem,x,y\n" + body(8, "{0},{1}.5,{2}.5")))
+
+
 def test_decimal_mark_may_be_given(tmp_path):
     path = write(tmp_path / "a.csv", "1,5 2,5 3,5\n" * 3 + "4,5 5,5 6,5\n" * 3)
     assert recon.read_cloud(path, decimal=",").n_points == 6
