@@ -160,6 +160,22 @@ def _solve3(a, b):
 
 
 @_jit
+def _solve_spd4(m, g):
+    """Solve a symmetric positive definite 4 x 4 system in place: `g` becomes the solution."""
+    for k in range(4):
+        pivot = max(m[k, k], 1e-12)
+        for i in range(k + 1, 4):
+            f = m[i, k] / pivot
+            for j in range(k, 4):
+                m[i, j] -= f * m[k, j]
+            g[i] -= f * g[k]
+    for k in range(3, -1, -1):
+        for j in range(k + 1, 4):
+            g[k] -= m[k, j] * g[j]
+        g[k] /= max(m[k, k], 1e-12)
+
+
+@_jit
 def circle_through(x, y, weight):
     """Weighted algebraic circle (Kasa): centre and radius, nan when the points are collinear."""
     sw = 0.0
@@ -678,14 +694,15 @@ def refine_tubes(
                     b4[node, 2] -= h * n2 * pull
                     b4[node, 3] += h * res
         new = pos.copy()
+        m = np.zeros((4, 4))
+        g = np.zeros(4)
         for j in range(n):
             if seen[j] > 0:
                 residual[j] = spread[j] / seen[j] * 1.25
             prev = _step_back(j, parent, onward)
             foot = parent[j]
             high = onward[j]
-            m = np.zeros((4, 4))
-            g = np.zeros(4)
+            m[:] = 0.0
             m[0, 0], m[0, 1], m[0, 2], m[0, 3] = a4[j, 0], a4[j, 1], a4[j, 2], a4[j, 3]
             m[1, 1], m[1, 2], m[1, 3] = a4[j, 4], a4[j, 5], a4[j, 6]
             m[2, 2], m[2, 3], m[3, 3] = a4[j, 7], a4[j, 8], a4[j, 9]
@@ -716,7 +733,8 @@ def refine_tubes(
                 m[3, 3] += stiff_r
                 g[3] += stiff_r * (near_r / near_n - rad[j])
             m[3, 3] += 1e-6
-            s = np.linalg.solve(m, g)
+            _solve_spd4(m, g)
+            s = g
             size = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
             cap = max(0.5 * rad[j], 0.01)
             f = min(1.0, cap / size) if size > 0 else 1.0

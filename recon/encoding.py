@@ -24,7 +24,7 @@ from recon.skeleton import Skeleton, base_points, merge_nodes, slice_tree
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
 from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish, reattach
 from treegraph.allometry import DEFAULT_ALLOMETRY, Allometry, find_allometry
-from treegraph.clustertree import ClusterTree
+from treegraph.clustertree import Cluster, ClusterTree
 from treegraph.errors import InputError
 from treegraph.graph import TreeGraph
 
@@ -222,7 +222,7 @@ def encode_with_report(
         dbh = breast_height(xyz, skeleton, measured, prepared.stem_spread is not None)
         radius = hold_breast_height(skeleton, radius, dbh)
     with clock("hulls"):
-        clusters = ()
+        clusters: tuple[Cluster, ...] = ()
         if f_s < LEAFLESS_F_S:
             groups = cluster_points(xyz, skeleton, group, settings.max_clusters)
             clusters = make_clusters(xyz, groups, settings.max_faces)
