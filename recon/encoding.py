@@ -248,8 +248,8 @@ def _points_to_encode(cloud: Cloud, settings: EncodeSettings) -> tuple[np.ndarra
 
     Where the scan labels wood and leaves, and leaves are wanted, the wood comes first.
     """
-    wood = cloud.is_wood
-    labelled = wood is not None and MIN_WOOD_SHARE < wood.mean() < 1.0 and wood.sum() >= MIN_WOOD_POINTS
+    wood = np.ones(len(cloud.xyz), bool) if cloud.is_wood is None else cloud.is_wood
+    labelled = MIN_WOOD_SHARE < wood.mean() < 1.0 and wood.sum() >= MIN_WOOD_POINTS
     if not labelled or (settings.f_s is not None and settings.f_s >= LEAFLESS_F_S):
         order, code, _ = morton_order(cloud.xyz)
         xyz, _ = thin(cloud.xyz[order], code, settings.max_points)
