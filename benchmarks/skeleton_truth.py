@@ -37,6 +37,9 @@ TOLERANCES = (0.02, 0.03)  # metres
 REACH = 0.05  # metres from the bark (known radius) to the nearest scan point: seen
 REACH_WITHOUT_RADIUS = 0.10  # metres from the axis, where the radius is unknown
 RADIUS_MATCH = 0.03  # metres: radii are compared between pieces this close
+RUN = 10  # pieces that a radius is taken over from the points
+RUN_POINTS = 5
+MAX_RADII = 3.0  # points farther from the axis, in true radii, are not of this branch
 MODEL_SCALE = 0.25  # metres per unit of the synthetic models
 
 
@@ -55,7 +58,8 @@ def compare(model: Samples, truth: Samples, scan: np.ndarray | None = None) -> d
     figures : dict
         ``recall_2cm`` ... ``precision_3cm`` in [0, 1]; ``seen_share`` of the true length and
         ``seen_recall_2cm`` ...; ``radius_error``: median of abs(model - truth) / truth over the true length
-        matched within 3 cm, and ``radius_bias``, its signed median (NaN where radii are unknown);
+        matched within 3 cm, and ``radius_bias``, its signed median (NaN where radii are unknown); the same for the scan's own points,
+        ``points_error`` and ``points_bias`` (:func:`points_against_radius`);
         lengths in metres.
     """
     from scipy.spatial import cKDTree
@@ -75,7 +79,36 @@ def compare(model: Samples, truth: Samples, scan: np.ndarray | None = None) -> d
     ratio = model.radius[nearest[matched]] / truth.radius[matched] - 1.0
     out["radius_error"] = weighted_median(np.abs(ratio), truth.length[matched])
     out["radius_bias"] = weighted_median(ratio, truth.length[matched])
+    if scan is not None:
+        out["points_error"], out["points_bias"] = points_against_radius(truth, scan)
     return out
+
+
+def points_against_radius(truth: Samples, scan: np.ndarray) -> tuple[float, float]:
+    """How far the scan itself is from the true radii: what a perfect measurement would get.
+
+    The mean distance of the points from the true axis, over runs of `RUN` pieces with at least
+    `RUN_POINTS` points nearest to them, against the mean true radius: median absolute relative
+    difference and its signed median, NaN where radii are unknown. Polygonal models have their bark
+    inside the nominal circle, and corrected skeletons carry modelled radii.
+    """
+    from scipy.spatial import cKDTree
+
+    if not np.isfinite(truth.radius).any():
+        return float("nan"), float("nan")
+    gap, nearest = cKDTree(truth.xyz).query(scan)
+    near = gap <= MAX_RADII * truth.radius[nearest]
+    n_runs = len(truth.radius) // RUN + 1
+    run = np.arange(len(truth.radius)) // RUN
+    count = np.bincount(run[nearest[near]], minlength=n_runs)
+    mean = np.bincount(run[nearest[near]], gap[near], minlength=n_runs) / np.maximum(count, 1)
+    radius = np.bincount(run, truth.radius, minlength=n_runs) / np.maximum(
+        np.bincount(run, minlength=n_runs), 1
+    )
+    length = np.bincount(run, truth.length, minlength=n_runs)
+    enough = (count >= RUN_POINTS) & (radius > 0)
+    ratio = mean[enough] / radius[enough] - 1.0
+    return weighted_median(np.abs(ratio), length[enough]), weighted_median(ratio, length[enough])
 
 
 def is_seen(truth: Samples, scan: np.ndarray) -> np.ndarray:

@@ -307,8 +307,7 @@ def _spread_bits(v):
     v = (v | (v << 16)) & 0x1F0000FF0000FF
     v = (v | (v << 8)) & 0x100F00F00F00F00F
     v = (v | (v << 4)) & 0x10C30C30C30C30C3
-    v = (v | (v << 2)) & 0x1249249249249249
-    return v
+    return (v | (v << 2)) & 0x1249249249249249
 
 
 @_jit

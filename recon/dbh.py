@@ -97,7 +97,7 @@ def _trunk_at(skeleton: Skeleton, height: float) -> tuple[np.ndarray, float, np.
 def _circle(
     xyz: np.ndarray, centre: np.ndarray, radius: float, direction: np.ndarray
 ) -> tuple[tuple[float, float] | None, str | None, float]:
-    """Radius and arc of a circle of the points across the trunk, or why there is none; its scatter in radii."""
+    """Radius and arc of a circle of the points across the trunk, or why not; its scatter in radii."""
     from recon import _tube_kernels as tubes
 
     offset = xyz - centre

@@ -5,6 +5,7 @@ import numpy.testing as npt
 import pytest
 
 from benchmarks.segments import (
+    Samples,
     Segments,
     from_nodes,
     read_branch_polylines,
@@ -12,7 +13,13 @@ from benchmarks.segments import (
     read_skeleton_nodes,
     sample,
 )
-from benchmarks.skeleton_truth import SPACING, compare, samples_of_points, weighted_median
+from benchmarks.skeleton_truth import (
+    SPACING,
+    compare,
+    points_against_radius,
+    samples_of_points,
+    weighted_median,
+)
 
 RATES = ("recall_2cm", "recall_3cm", "precision_2cm", "precision_3cm")
 
@@ -147,3 +154,17 @@ def test_reads_cylinders(tmp_path):
     npt.assert_allclose(segments.length, [2.0, 1.0])
     npt.assert_allclose(segments.volume[0], np.pi * 2.0 * (0.01 + 0.005 + 0.0025) / 3.0)
     assert segments.parent.tolist() == [-1, 0]
+
+
+def test_points_tell_what_the_scan_says_of_the_radius():
+    n = 400
+    axis = Samples(
+        np.column_stack([np.zeros((n, 2)), np.arange(n) * 0.005]), np.full(n, 0.1), np.full(n, 0.005)
+    )
+    angle = np.random.default_rng(0).random(4000) * 2 * np.pi
+    z = np.random.default_rng(1).random(4000) * 2
+    scan = np.column_stack([0.08 * np.cos(angle), 0.08 * np.sin(angle), z])
+    error, bias = points_against_radius(axis, scan)
+    assert bias == pytest.approx(-0.2, abs=0.01) and error == pytest.approx(0.2, abs=0.01)
+    unknown = Samples(axis.xyz, np.full(n, np.nan), axis.length)
+    assert np.isnan(points_against_radius(unknown, scan)).all()

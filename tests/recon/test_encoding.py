@@ -40,6 +40,18 @@ def test_order_of_the_points_does_not_matter(rng):
     same(encode(xyz), encode(xyz[rng.permutation(len(xyz))]))
 
 
+@pytest.mark.parametrize("shape", ["upside down", "noise", "sheet"])
+def test_order_of_the_points_does_not_matter_without_a_clear_foot(rng, shape):
+    xyz = forked_tree(rng, density=3000)
+    if shape == "sheet":
+        row, column = np.meshgrid(np.arange(20) * 0.05, np.arange(20) * 0.05)
+        xyz = np.stack([row.ravel(), 0 * row.ravel(), column.ravel()], axis=1)
+    xyz = xyz * [1, -1, -1] if shape == "upside down" else xyz
+    xyz = xyz + 0.05 * rng.standard_normal(xyz.shape) if shape == "noise" else xyz
+    for _ in range(3):
+        same(encode(xyz), encode(xyz[rng.permutation(len(xyz))]))
+
+
 def test_same_points_same_tree(rng):
     xyz = np.concatenate([forked_tree(rng), crown(rng, 3000)])
     same(encode(xyz), encode(xyz.copy()))
@@ -91,8 +103,8 @@ def test_report_and_attributes(rng):
     assert result.tree.allometry.d_root == pytest.approx(2 * graph.radius[0])
     assert set(graph.attribute) == {"measured", "n_points", "arc"}
     assert graph.attribute["n_points"].sum() > 0.9 * result.report.n_points_used
-    assert (0 <= graph.attribute["arc"]).all() and (graph.attribute["arc"] <= 1).all()
-    assert set(result.report.seconds) == {"prepare", "skeleton", "clusters", "radii", "hulls"}
+    assert (graph.attribute["arc"] >= 0).all() and (graph.attribute["arc"] <= 1).all()
+    assert sorted(result.report.seconds) == ["clusters", "hulls", "prepare", "radii", "skeleton"]
     assert graph.position[0] == pytest.approx(0, abs=0.15)
     assert (graph.radius[1:] <= graph.radius[graph.parent[1:]] + 1e-12).all()
 
