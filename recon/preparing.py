@@ -23,6 +23,8 @@ UP = {"z": (0, 1, 2), "y": (0, 2, 1), "x": (1, 2, 0)}  # rows of the scan that b
 TALLEST = 130.0  # metres; no tree is taller
 TALL = 65.0  # metres; hardly one is: the scan may be in feet
 SMALLEST = 0.25  # metres
+WIDEST = 20_000.0  # metres between the points, strays apart; no scan with a tree in it is wider
+FOOT_DECIMALS = 6  # of metres: sums over points depend on their order beyond
 CELL_SHARE = 0.03  # cells that strays are looked for in, as a share of the scan's extent ...
 CELL_RANGE = (0.05, 0.5)  # ... and their limits, metres
 STRAY_SHARE = 0.02  # a piece with fewer of all points may be stray ...
@@ -110,7 +112,8 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     Raises
     ------
     InputError
-        If there are too few points, the unit cannot be metres, or a setting makes no sense.
+        If there are too few points, they are too far apart, the unit cannot be metres, or a setting makes
+        no sense.
     """
     settings = settings or PrepareSettings()
     given = as_cloud(points)
@@ -125,6 +128,7 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     keep = keep[_drop_strays(xyz[keep], notes)]
     index, xyz = index[keep], np.ascontiguousarray(xyz[keep])
     _enough(len(index))
+    _narrow_enough(xyz)
     ground = None if settings.keep_ground else find_ground(xyz)
     stems, height, top = _stems_above(xyz, ground)
     if len(stems.centre) == 0 and settings.up == "z":
@@ -143,13 +147,22 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     base = _base(given, xyz, stems, ground, settings, scale)
     cloud = _moved(given, index, xyz, base, scale, settings, notes)
     ground_z = None if ground is None else ground.near(base[0], base[1]) - float(base[2])
-    spread = float(stems.spread[0]) if len(stems.centre) else None
+    spread = round(float(stems.spread[0]), FOOT_DECIMALS) if len(stems.centre) else None
     return Prepared(cloud, index, ground_z, n_trees, tuple(notes), spread)
 
 
 def _enough(n: int) -> None:
     if n < MIN_POINTS:
         raise InputError(f"{n} usable points are too few for a tree (at least {MIN_POINTS})")
+
+
+def _narrow_enough(xyz: np.ndarray) -> None:
+    widest = float(np.ptp(xyz, axis=0).max())
+    if widest > WIDEST:
+        raise InputError(
+            f"the points spread over {widest / 1000:.3g} km, which no scan of a tree does: check their unit "
+            "(--units), or drop the points that are far away"
+        )
 
 
 def _numbered_tree(
@@ -363,7 +376,7 @@ def _base(
         foot = _foot_without_stem(xyz)
     if ground is not None:
         foot[2] = ground.near(foot[0], foot[1])
-    return foot
+    return np.round(foot, FOOT_DECIMALS)
 
 
 def _foot_without_stem(xyz: np.ndarray) -> np.ndarray:

@@ -297,4 +297,15 @@ def test_order_of_points_does_not_matter(rng):
     shuffle = rng.permutation(len(xyz))
     a, b = prepare(xyz), prepare(xyz[shuffle])
     npt.assert_array_equal(np.sort(shuffle[b.index]), a.index)
-    npt.assert_allclose(a.cloud.origin, b.cloud.origin, atol=1e-9)
+    npt.assert_array_equal(a.cloud.origin, b.cloud.origin)
+    assert a.stem_spread == b.stem_spread and a.ground_z == b.ground_z
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("distance", [3e4, 1e9, 1e15])
+def test_two_places_far_apart_are_refused(rng, axis, distance):
+    half = rng.random((300, 3)) * [0.2, 0.2, 3.0]
+    away = np.zeros(3)
+    away[axis] = distance
+    with pytest.raises(InputError, match=r"the points spread over \S+ km, which no scan of a tree does"):
+        prepare(np.concatenate([half, half + away]), PrepareSettings(units="m"))
