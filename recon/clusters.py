@@ -29,7 +29,8 @@ REACH_SPACINGS = 3.0  # leaves farther apart, in point spacings, are not of one 
 REACH = 0.15  # ... nor farther than this, metres, where points are dense
 HULL_POINTS = 220  # that a hull is made from
 SPACING_SAMPLE = 500  # points that the spacing of the leaves is taken from
-MOST_OF_TARGET = 2.0  # a cluster with so many times its share of the points is halved
+MOST_OF_TARGET = 2.0  # a cluster with so many times its share of the points is divided
+LUMP_ROUNDS = 4
 MIN_VOLUME = 1e-6  # m3, for the density of flat clusters
 
 
@@ -179,8 +180,11 @@ def cluster_points(
         member = row[group[row] == g]
         piece = separate(xyz[member], reach)
         for k in np.flatnonzero(np.bincount(piece) >= fewest):
-            for part in halves(xyz[member[piece == k]], int(MOST_OF_TARGET * target) + 1):
-                mine = member[piece == k][part]
+            row_of = member[piece == k]
+            n_lumps = int(row_of.size / target) if row_of.size > MOST_OF_TARGET * target else 1
+            lump = lumps(xyz[row_of], n_lumps) if n_lumps > 1 else np.zeros(row_of.size, np.int64)
+            for j in range(int(lump.max()) + 1):
+                mine = row_of[lump == j]
                 found.append(PointGroup(mine, np.unique(skeleton.home[mine]).astype(np.int32)))
     return found
 
@@ -193,30 +197,36 @@ def _spacing(xyz: np.ndarray) -> float:
     return float(np.median(cKDTree(xyz).query(some, min(5, len(xyz)))[0][:, -1]))
 
 
-def halves(xyz: np.ndarray, most: int) -> list[np.ndarray]:
-    """Rows of a set of points, halved across its longest side until no part has more than `most`.
+def lumps(xyz: np.ndarray, n_lumps: int) -> np.ndarray:
+    """Divide a set of points into round lumps: k-means from points far apart.
 
     Parameters
     ----------
     xyz : (n, 3) float64
-    most : int
-        > 0.
+    n_lumps : int
+        1 to n.
 
     Returns
     -------
-    list of (k,) int64
-        Every row once, each part ascending.
+    (n,) int64
+        Lump of each point, each at least one point. It does not depend on the order of the points.
     """
-    todo, done = [np.arange(len(xyz))], []
-    while todo:
-        row = todo.pop()
-        if row.size <= most:
-            done.append(row)
-            continue
-        side = int(np.argmax(np.ptp(xyz[row], axis=0)))
-        order = row[np.argsort(xyz[row, side], kind="stable")]
-        todo += [np.sort(order[row.size // 2 :]), np.sort(order[: row.size // 2])]
-    return done
+    from scipy.spatial import cKDTree
+
+    middle = xyz.mean(axis=0)[None]
+    gap = np.linalg.norm(xyz - middle[0], axis=1)
+    centre = []
+    for _ in range(n_lumps):
+        centre.append(xyz[np.argmax(gap)])
+        gap = np.minimum(gap if len(centre) > 1 else np.inf, np.linalg.norm(xyz - centre[-1], axis=1))
+    centres = np.array(centre)
+    for _ in range(LUMP_ROUNDS):
+        _, lump = cKDTree(centres).query(xyz)
+        count = np.bincount(lump, minlength=n_lumps)
+        total = np.stack([np.bincount(lump, xyz[:, c], n_lumps) for c in range(3)], axis=1)
+        centres = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], centres)
+    _, lump = cKDTree(centres).query(xyz)
+    return np.unique(lump, return_inverse=True)[1]
 
 
 def separate(xyz: np.ndarray, reach: float) -> np.ndarray:

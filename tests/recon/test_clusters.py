@@ -3,7 +3,7 @@ import pytest
 from synthetic import crown, forked_tree
 
 from recon import Cloud, EncodeSettings, encode_with_report
-from recon.clusters import halves, separate
+from recon.clusters import lumps, separate
 from recon.hulls import mesh_volume
 
 
@@ -83,12 +83,16 @@ def test_strays_are_in_no_cluster(rng):
     assert top[:, :2].max() < 2.6
 
 
-def test_halves_are_parts_of_bounded_size(rng):
-    xyz = rng.random((1000, 3)) * [5, 1, 1]
-    parts = halves(xyz, 150)
-    assert sorted(np.concatenate(parts).tolist()) == list(range(1000))
-    assert max(p.size for p in parts) <= 150
-    assert all(np.ptp(xyz[p, 0]) < 1.0 for p in parts)
+def test_lumps_are_round_and_hold_every_point(rng):
+    xyz = rng.random((2000, 3)) * [5, 1, 1]
+    lump = lumps(xyz, 6)
+    assert sorted(np.unique(lump)) == list(range(6))
+    assert np.bincount(lump).max() < 3 * np.bincount(lump).min()
+    assert max(np.ptp(xyz[lump == k, 0]) for k in range(6)) < 2.0
+    shuffle = rng.permutation(2000)
+    again = lumps(xyz[shuffle], 6)
+    pairs = set(zip(lump[shuffle].tolist(), again.tolist(), strict=True))
+    assert len(pairs) == 6
 
 
 def test_labels_of_wood_and_leaf_are_used(rng):
