@@ -59,7 +59,7 @@ def compare(model: Samples, truth: Samples, scan: np.ndarray | None = None) -> d
         ``recall_2cm`` ... ``precision_3cm`` in [0, 1]; ``seen_share`` of the true length and
         ``seen_recall_2cm`` ...; ``radius_error``: median of abs(model - truth) / truth over the true length
         matched within 3 cm, and ``radius_bias``, its signed median (NaN where radii are unknown);
-        the same for the scan's own points, ``points_error`` and ``points_bias`` (:func:`points_against_radius`);
+        ``points_error`` and ``points_bias`` of the scan's own points (:func:`points_against_radius`);
         lengths in metres.
     """
     from scipy.spatial import cKDTree
