@@ -30,6 +30,7 @@ CELL_RANGE = (0.05, 0.5)  # ... and their limits, metres
 STRAY_SHARE = 0.02  # a piece with fewer of all points may be stray ...
 STRAY_GAP = 0.10  # ... if it is so much of the extent away from the rest
 STRAY_CELLS = 4.0  # ... and so many cells
+MOST_STRAY = 0.2  # of all points; where more look stray the scan is sparse, and none are
 MIN_TREE_SHARE = 0.02  # of the numbered points; smaller numbers are no trees
 FOOT_SHARE = 0.04  # of the height: where the foot is looked for if there is no stem
 LYING_STEMS = 4  # along another axis than z are no chance ...
@@ -279,6 +280,8 @@ def _drop_strays(xyz: np.ndarray, notes: list[str]) -> np.ndarray:
     np.minimum.at(far, piece, near)
     stray = far > max(STRAY_GAP * extent, STRAY_CELLS * cell)
     keep = np.flatnonzero(~stray[piece][cell_of])
+    if len(keep) < (1 - MOST_STRAY) * len(xyz):
+        return np.arange(len(xyz))
     if len(keep) < len(xyz):
         notes.append(f"{len(xyz) - len(keep)} of {len(xyz)} points are strays far from the tree")
     return keep

@@ -60,6 +60,12 @@ def test_a_crown_over_a_gap_is_no_stray(rng):
     assert len(prepare(xyz).index) == len(xyz)
 
 
+def test_a_sparse_scan_is_not_taken_for_strays(rng):
+    xyz = rng.random((4000, 3)) * [90.0, 90.0, 12.0]  # as from high above: no two points are near
+    got = prepare(xyz)
+    assert len(got.index) == 4000 and not any("stray" in note for note in got.notes)
+
+
 def test_nan_rows_go(rng):
     xyz = forked_tree(rng)
     xyz[::50, 1] = np.nan
