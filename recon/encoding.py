@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -79,19 +80,27 @@ class EncodeSettings:
     prepare: PrepareSettings = field(default_factory=PrepareSettings)
 
     def __post_init__(self) -> None:
-        _check("beta", self.beta, 1.0, 10.0)
-        _check("gamma", self.gamma, 0.1, 10.0)
-        _check("f_s", self.f_s, 0.01, 1.0)
-        _check("n_neighbours", self.n_neighbours, 4, 64)
-        _check("max_points", self.max_points, 1000, 5_000_000)
-        _check("max_nodes", self.max_nodes, 16, 1_000_000)
-        _check("max_clusters", self.max_clusters, 1, 1000)
-        _check("max_faces", self.max_faces, 12, 10_000)
+        for name, low, high in (("beta", 1.0, 10.0), ("gamma", 0.1, 10.0), ("f_s", 0.01, 1.0)):
+            if getattr(self, name) is not None:
+                _check(name, getattr(self, name), low, high)
+        _check_whole("n_neighbours", self.n_neighbours, 4, 64)
+        _check_whole("max_points", self.max_points, 1000, 5_000_000)
+        _check_whole("max_nodes", self.max_nodes, 16, 1_000_000)
+        _check_whole("max_clusters", self.max_clusters, 1, 1000)
+        _check_whole("max_faces", self.max_faces, 12, 10_000)
+        if not isinstance(self.prepare, PrepareSettings):
+            raise InputError(f"prepare must be PrepareSettings, got {self.prepare!r}")
 
 
-def _check(name: str, value: float | None, low: float, high: float) -> None:
-    if value is not None and not low <= value <= high:
+def _check(name: str, value: float, low: float, high: float) -> None:
+    if not (isinstance(value, Real) and low <= value <= high):
         raise InputError(f"{name} must be between {low} and {high}, got {value!r}")
+
+
+def _check_whole(name: str, value: int, low: int, high: int) -> None:
+    _check(name, value, low, high)
+    if not isinstance(value, Integral):
+        raise InputError(f"{name} must be a whole number, got {value!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +203,7 @@ def encode_with_report(
 ) -> Encoding:
     """As :func:`encode`, with measures, times and remarks."""
     settings = settings or EncodeSettings()
-    allometry = find_allometry(species) if species else replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
+    allometry = find_allometry(species) if species is not None else replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
     beta = settings.beta or allometry.beta
     gamma = settings.gamma or allometry.gamma
     clock = _Clock()
@@ -343,7 +352,7 @@ def build_skeleton(
     """
     graph = bridge_gaps(xyz, neighbour_graph(xyz, n_neighbours))
     sources = base_points(xyz, base, graph.spacing)
-    trusted = trusted_graph(graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
+    trusted = trusted_graph(xyz, graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
     skeleton = replace(slice_tree(xyz, trusted, sources), thickest=thickest)
     for _ in range(ABSORB_ROUNDS):
         tube, centre, _, extent = fit_circles(xyz, skeleton)

@@ -143,7 +143,7 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     wood = np.ones(len(xyz), bool)
     if ground is not None:
         wood = _without_ground(xyz, ground, stems, notes)
-        _enough(int(wood.sum()))
+        _enough_above(int(wood.sum()), len(xyz))
     index, xyz = index[wood], xyz[wood]
     base = _base(given, xyz, stems, ground, settings, scale)
     cloud = _moved(given, index, xyz, base, scale, settings, notes)
@@ -155,6 +155,14 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
 def _enough(n: int) -> None:
     if n < MIN_POINTS:
         raise InputError(f"{n} usable points are too few for a tree (at least {MIN_POINTS})")
+
+
+def _enough_above(n: int, n_all: int) -> None:
+    if n < MIN_POINTS:
+        raise InputError(
+            f"{n_all - n} of {n_all} points look like ground, which leaves too few for a tree: pass "
+            "keep_ground=True (--keep-ground) if they are none"
+        )
 
 
 def _narrow_enough(xyz: np.ndarray) -> None:
@@ -197,11 +205,11 @@ def _n_numbered(cloud: Cloud, settings: PrepareSettings) -> int:
 
 def _turned(xyz: np.ndarray, up: str) -> np.ndarray:
     """The points with the axis that is up as z, right-handed."""
-    name = up.lstrip("-")
-    if name not in UP or len(up) > 2:
+    if up not in [sign + axis for sign in ("", "-") for axis in UP]:
         raise InputError(f"up must be one of z, y, x, -z, -y, -x, got {up!r}")
     if up == "z":
         return xyz
+    name = up[-1]
     a, b, c = UP[name]
     first = xyz[:, a] if name == "x" else -xyz[:, a] if name == "y" else xyz[:, a]
     if up.startswith("-"):
@@ -350,11 +358,15 @@ def _one_of_many(
 
 def _given_base(cloud: Cloud, xyz: np.ndarray, settings: PrepareSettings, scale: float) -> np.ndarray:
     """The base that the user gave, in the turned and scaled frame."""
-    base = np.asarray(settings.base, np.float64)
+    try:
+        base = np.asarray(settings.base, np.float64)
+    except (TypeError, ValueError):
+        base = np.full(3, np.nan)
     if base.shape != (3,) or not np.isfinite(base).all():
         raise InputError(f"base must be three finite numbers, got {settings.base!r}")
     base = _turned((base - cloud.origin)[None], settings.up)[0] * scale
-    away = float(np.sqrt(((xyz - base) ** 2).sum(axis=1).min()))
+    off = xyz - base
+    away = float(np.hypot(np.hypot(off[:, 0], off[:, 1]), off[:, 2]).min())
     if away > 0.5 * max(float(np.ptp(xyz[:, 2])), 1.0):
         raise InputError(
             f"base is {away:.1f} m from the nearest point: give it in the scan's own coordinates"

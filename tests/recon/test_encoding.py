@@ -122,16 +122,41 @@ def test_report_and_attributes(rng):
         ("max_nodes", 1),
         ("max_clusters", 0),
         ("max_faces", 4),
+        ("f_s", "x"),
+        ("max_nodes", None),
     ],
 )
 def test_settings_out_of_range_are_named(name, value):
-    with pytest.raises(InputError, match=f"{name} must be between .* and .*, got"):
+    with pytest.raises(InputError, match=f"{name} must be between .* and .*, got {value!r}"):
         EncodeSettings(**{name: value})
 
 
+@pytest.mark.parametrize("name", ["n_neighbours", "max_points", "max_nodes", "max_clusters", "max_faces"])
+def test_counts_are_whole(name):
+    with pytest.raises(InputError, match=f"{name} must be a whole number, got"):
+        EncodeSettings(**{name: getattr(EncodeSettings(), name) + 0.5})
+
+
+def test_prepare_settings_are_such():
+    with pytest.raises(InputError, match="prepare must be PrepareSettings, got None"):
+        EncodeSettings(prepare=None)
+
+
+def test_beta_and_gamma_are_those_asked_for(rng):
+    xyz = np.concatenate([forked_tree(rng, density=3000), crown(rng, 3000)])
+    tree = encode(xyz, species="Pine", settings=EncodeSettings(f_s=1.0, beta=3.5, gamma=2.5))
+    assert (tree.allometry.beta, tree.allometry.gamma) == (3.5, 2.5)
+    thin, thick = (encode(xyz, settings=EncodeSettings(f_s=1.0, gamma=g)).graph for g in (4.0, 0.6))
+    mean_radius = [g.radius[~g.attribute["measured"]].mean() for g in (thin, thick)]
+    assert mean_radius[0] < 0.9 * mean_radius[1]
+    near, far = (encode(xyz, settings=EncodeSettings(f_s=1.0, beta=b)).graph for b in (1.0, 4.0))
+    assert near.n_nodes != far.n_nodes or (near.parent != far.parent).any()
+
+
 def test_unknown_species_is_named(rng):
-    with pytest.raises(InputError, match="Pine"):
-        encode(forked_tree(rng), species="Triffid")
+    for name in ("Triffid", ""):
+        with pytest.raises(InputError, match=f"species must be one of .*Pine.*, got {name!r}"):
+            encode(forked_tree(rng), species=name)
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])

@@ -98,6 +98,12 @@ def test_keep_ground(rng):
     assert len(got.index) == len(xyz) and got.ground_z is None
 
 
+def test_nothing_but_ground_is_said(rng):
+    with pytest.raises(InputError, match=r"20000 of 20000 points look like ground.*pass keep_ground=True"):
+        prepare(plain(rng))
+    assert len(prepare(plain(rng), PrepareSettings(keep_ground=True)).index) == 20000
+
+
 def test_roots_and_low_branches_are_no_ground(rng):
     roots = [
         tube((0, 0, 0.1), (0.5 * np.cos(a), 0.5 * np.sin(a), 0.0), 0.04, 0.02, 400, rng) for a in range(6)
@@ -156,6 +162,9 @@ def test_base_given_in_the_scans_coordinates(rng):
     [
         ((0, 0), "base must be three finite numbers"),
         ((0, 0, np.nan), "base must be three finite numbers"),
+        ("abc", "base must be three finite numbers, got 'abc'"),
+        ((0, 0, "x"), "base must be three finite numbers"),
+        ((1e300, 0, 0), "base is 1.* m from the nearest point"),
         ((500.0, 0, 0), "base is 499.* m from the nearest point"),
     ],
 )
@@ -197,8 +206,9 @@ def test_the_unit_that_the_file_declares_is_used(rng):
 def test_unknown_unit_and_axis(rng):
     with pytest.raises(InputError, match="units must be one of m, cm, mm, ft, got 'inch'"):
         prepare(forked_tree(rng), PrepareSettings(units="inch"))
-    with pytest.raises(InputError, match="up must be one of"):
-        prepare(forked_tree(rng), PrepareSettings(up="w"))
+    for up in ("w", "zz", "--z", "", None, 3):
+        with pytest.raises(InputError, match=f"up must be one of z, y, x, -z, -y, -x, got {up!r}"):
+            prepare(forked_tree(rng), PrepareSettings(up=up))
 
 
 @pytest.mark.parametrize("up", ["z", "y", "x", "-z", "-y", "-x"])
