@@ -29,7 +29,7 @@ from treegraph.clustertree import Cluster, ClusterTree
 from treegraph.errors import InputError
 from treegraph.graph import TreeGraph
 
-TRUSTED_SPACINGS = 4.0  # edges up to this many point spacings are kept unasked
+TRUSTED_SPACINGS = 2.5  # edges up to this many point spacings are kept unasked
 MIN_WOOD_SHARE = 0.03  # of the points that must be labelled wood for the label to be used ...
 MIN_WOOD_POINTS = 200  # ... and how many
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
@@ -352,7 +352,7 @@ def build_skeleton(
     """
     graph = bridge_gaps(xyz, neighbour_graph(xyz, n_neighbours))
     sources = base_points(xyz, base, graph.spacing)
-    trusted = trusted_graph(xyz, graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
+    trusted = trusted_graph(graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
     skeleton = replace(slice_tree(xyz, trusted, sources), thickest=thickest)
     for _ in range(ABSORB_ROUNDS):
         tube, centre, _, extent = fit_circles(xyz, skeleton)

@@ -126,7 +126,7 @@ def bridge_gaps(xyz: np.ndarray, graph: NeighbourGraph) -> NeighbourGraph:
     links = [np.zeros((0, 2), np.int64)]
     joined = component
     while n_components > 1:
-        found = _links_between_cells(xyz - low, joined, cell)
+        found = _links_between_cells(xyz - low, component.astype(np.int64), cell)
         if found.size:
             ends = kernels.descend_to_closest(xyz, graph.start, graph.neighbour, found)
             links.append(ends)
