@@ -1,4 +1,8 @@
-"""Compiled loops that fit tubes to the points of a skeleton; nothing is checked here."""
+"""Compiled loops that fit tubes to the points of a skeleton; nothing is checked here.
+
+One long file on purpose: numba keeps what it has compiled for as long as the file of the function is
+unchanged, and would not notice that a function called from another file is another one.
+"""
 
 import math
 
@@ -10,6 +14,16 @@ _jit = njit(cache=True, error_model="numpy", nogil=True)
 ARC_BINS = 24
 HOPELESS = 0.5  # a circle whose residuals are this large, in radii, is not refined
 INSIDE = 0.5  # of a circle's radius
+TUKEY_CUT = 3.0  # residuals beyond so many scales have no weight
+FIT_ROUNDS = 6  # of the circle at each node
+SMALLEST_CIRCLE = 1e-4  # metres, of radii and of the cut
+SMALLEST_TUBE = 5e-4  # metres
+SMALLEST_CUT = 0.004  # metres, of the residuals of a frustum
+SCALE_OF_MEAN = 1.25  # mean absolute deviation of a normal distribution to its sigma
+MOST_WEIGHT = 400  # points; more of them say no more of a radius
+FOOT_SLACK = 0.02  # metres that a foot may move anyway
+FOOT_COST = 0.3  # radians for a foot that moved as far as it may
+FOOT_RADIUS = 0.005  # metres, of the thinnest branch that counts in that
 SCALE_OF_MAD = 1.4826  # median absolute deviation of a normal distribution to its sigma
 
 
@@ -34,7 +48,7 @@ def group_points(label, n_groups):
 
 @_jit
 def subtree_length(parent, position):
-    """Length of all edges above each node and of the edge below it."""
+    """Length of all edges above each node and of the edge below it, without which tips had none."""
     n = parent.size
     out = np.zeros(n)
     for i in range(n - 1, -1, -1):
@@ -226,7 +240,7 @@ def refine_circle(x, y, cx, cy, r, weight, rounds):
         for i in range(n):
             residual[i] = math.hypot(x[i] - cx, y[i] - cy) - r
         scale = SCALE_OF_MAD * np.median(np.abs(residual))
-        cut = max(3.0 * scale, 1e-4)
+        cut = max(TUKEY_CUT * scale, SMALLEST_CIRCLE)
         for i in range(n):
             t = residual[i] / cut
             weight[i] = (1 - t * t) ** 2 if abs(t) < 1 else 0.0
@@ -267,7 +281,7 @@ def refine_circle(x, y, cx, cy, r, weight, rounds):
             sr *= cap / size
         cx += sx
         cy += sy
-        r = max(r + sr, 1e-4)
+        r = max(r + sr, SMALLEST_CIRCLE)
         if size < 1e-5:
             break
     return cx, cy, r, scale
@@ -335,7 +349,7 @@ def circle_fits(xyz, point_start, point, position, parent, onward, axis, fewest,
         cx, cy, r = circle_through(x[:m], y[:m], weight)
         if not math.isfinite(r):
             continue
-        cx, cy, r, s = refine_circle(x[:m], y[:m], cx, cy, r, weight, 6)
+        cx, cy, r, s = refine_circle(x[:m], y[:m], cx, cy, r, weight, FIT_ROUNDS)
         radius[i] = r
         scale[i] = s
         arc[i] = arc_covered(x[:m], y[:m], cx, cy, weight)
@@ -657,11 +671,11 @@ def refine_tubes(
                 seen[j] += 1
                 cut = math.inf
                 if is_tube[j]:
-                    cut = max(0.5 * r, 0.004)
+                    cut = max(0.5 * r, SMALLEST_CUT)
                     if residual[j] > 0:
-                        cut = max(min(cut, 3.0 * residual[j]), 0.004)
+                        cut = max(min(cut, TUKEY_CUT * residual[j]), SMALLEST_CUT)
                 elif residual[j] > 0:
-                    cut = max(0.5 * r, 3.0 * residual[j], 0.004)
+                    cut = max(0.5 * r, TUKEY_CUT * residual[j], SMALLEST_CUT)
                 w = res / cut
                 if abs(w) >= 1:
                     continue
@@ -698,7 +712,7 @@ def refine_tubes(
         g = np.zeros(4)
         for j in range(n):
             if seen[j] > 0:
-                residual[j] = spread[j] / seen[j] * 1.25
+                residual[j] = spread[j] / seen[j] * SCALE_OF_MEAN
             prev = _step_back(j, parent, onward)
             foot = parent[j]
             high = onward[j]
@@ -740,7 +754,7 @@ def refine_tubes(
             f = min(1.0, cap / size) if size > 0 else 1.0
             for c in range(3):
                 new[j, c] = pos[j, c] + f * s[c]
-            rad[j] = max(rad[j] + min(max(s[3], -0.5 * rad[j]), cap), 5e-4)
+            rad[j] = max(rad[j] + min(max(s[3], -0.5 * rad[j]), cap), SMALLEST_TUBE)
         pos = new
     return pos, rad, residual
 
@@ -834,7 +848,7 @@ def _believed(i, observed, n_points, r_ref, share, gamma, pipe_exponent, resolut
     if m >= enough:
         r = observed[i] * math.sqrt(m / (m - 1.0))  # the axis has been fitted to the same points
         if r <= most:
-            return r, min(m, 400) * 1.0
+            return r, min(m, MOST_WEIGHT) * 1.0
     return r_ref * share**gamma, 1.0
 
 
@@ -880,7 +894,7 @@ def final_radii(
         if last >= 0:
             for k in range(last + 1):
                 value[k] = max(observed[row[k]], smallest)
-                mass[k] = max(min(n_points[row[k]], 400), 1)
+                mass[k] = max(min(n_points[row[k]], MOST_WEIGHT), 1)
                 measured[row[k]] = n_points[row[k]] > 0
             fit = decreasing_fit(value[: last + 1], mass[: last + 1])
             for k in range(last + 1):
@@ -1107,7 +1121,7 @@ def forward_feet(parent, onward, head, position, radius, look, reach):
         for way in range(2):
             i = p
             moved = 0.0
-            while i >= 0 and moved <= reach * radius[p] + 0.02:
+            while i >= 0 and moved <= reach * radius[p] + FOOT_SLACK:
                 en = 0.0
                 dot = 0.0
                 for c in range(3):
@@ -1117,7 +1131,7 @@ def forward_feet(parent, onward, head, position, radius, look, reach):
                 en = math.sqrt(en)
                 if en > 0:
                     angle = math.acos(min(max(dot / (en * dn), -1.0), 1.0))
-                    cost = angle + 0.3 * moved / max(radius[p], 0.005) / max(reach, 1.0)
+                    cost = angle + FOOT_COST * moved / max(radius[p], FOOT_RADIUS) / max(reach, 1.0)
                     if cost < best_cost - 1e-9:
                         best_cost = cost
                         best = i

@@ -1,6 +1,7 @@
 """Leaf clusters: which points they are, how they are grouped, and their hulls.
 
-Based on: Pirk, PhD thesis, 2013, section 3.3.2.
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", PhD thesis, University of
+Konstanz, 2013, section 3.3.2.
 
 Departs from it in: f_s (eq. 3.2) is compounded for every `F_S_STEP` of path from the root, so that
 the result does not depend on how finely the graph is sampled; the distance of an edge's points is

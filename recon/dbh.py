@@ -12,6 +12,7 @@ BREAST_HEIGHT = 1.3  # metres above the foot of the trunk
 HALF_SLICE = 0.10  # metres
 SEARCH_RADII = 1.6  # points this near the axis, in radii of the fitted trunk
 MIN_POINTS = 10
+CIRCLE_ROUNDS = 20
 MIN_ARC = 0.4  # share of the round
 MAX_SCATTER = 0.15  # scale of the residuals, in radii
 MAX_TUBE_SCATTER = 0.4  # points that scatter more, in radii, speak against the fitted trunk, too
@@ -111,7 +112,7 @@ def _circle(
     if x.size < MIN_POINTS:
         return None, f"only {x.size} points on the trunk {where}", 0.0
     weight = np.ones(x.size)
-    cx, cy, r, scatter = tubes.refine_circle(x, y, 0.0, 0.0, radius, weight, 20)
+    cx, cy, r, scatter = tubes.refine_circle(x, y, 0.0, 0.0, radius, weight, CIRCLE_ROUNDS)
     arc = float(tubes.arc_covered(x, y, cx, cy, weight))
     if np.hypot(cx, cy) > MAX_SHIFT * radius or not 1 / MAX_RATIO < r / radius < MAX_RATIO:
         return None, f"the points {where} show no circle around the trunk", scatter / r

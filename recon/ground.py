@@ -19,6 +19,8 @@ FLAT_TOLERANCE = 0.20  # metres from the plane ...
 FLAT_SHARE = 0.8  # ... of so many of its cells
 MAX_SLOPE = 1.0  # rise over run
 BELOW_SHARE = 0.03  # of all cells that may lie below the ground
+LOW_CELLS = 0.8  # share of a patch that must be so low
+BOTTOM, TOP = 0.001, 0.999  # quantiles of the heights
 THICKNESS = 0.12  # points up to this (and a cell's rise) above the ground belong to it, metres
 
 
@@ -87,15 +89,15 @@ def find_ground(xyz: np.ndarray) -> Ground | None:
     label, count = kernels.smooth_patches(lows, STEP)
     filled = label >= 0
     n_cells = np.bincount(label[filled], minlength=count)
-    bottom = float(np.quantile(xyz[:, 2], 0.001))
-    height = float(np.quantile(xyz[:, 2], 0.999)) - bottom
+    bottom = float(np.quantile(xyz[:, 2], BOTTOM))
+    height = float(np.quantile(xyz[:, 2], TOP)) - bottom
     cell_i, cell_j = np.nonzero(filled)
     lowest = np.argmin(np.where(filled, lows, np.inf))
     away = cell * np.hypot(cell_i - lowest // shape[1], cell_j - lowest % shape[1])
     is_low = lows[filled] < bottom + LOW_SHARE * height + LOW_SLOPE * away
     low_share = np.bincount(label[filled], is_low, minlength=count) / np.maximum(n_cells, 1)
     fewest = max(MIN_AREA / cell**2, MIN_AREA_SHARE * filled.sum())
-    ground = (n_cells >= fewest) & (low_share > 0.8)
+    ground = (n_cells >= fewest) & (low_share > LOW_CELLS)
     if not ground.any():
         return None
     inside = np.zeros(lows.shape, bool)

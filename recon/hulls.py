@@ -20,7 +20,6 @@ DEFAULT_MAX_FACES = 120
 DEFAULT_MULTIPLE = 5.0  # alpha / alpha_min of the thesis, 3.3.2
 MINIMUM_SIZE = 0.02  # metres: no hull is thinner than this
 FLAT_SHARE = 1e-3  # of the largest extent: thinner sets of points have no triangulation worth having
-MIN_FACES = 8
 JITTER = 1e-6  # of the extent: moves points off common spheres and planes for the triangulation only
 VOXEL_STEP = 2.0**0.25  # ladder of voxel sizes tried when thinning
 MAX_EDGE_FILLS = 50

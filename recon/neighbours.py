@@ -1,7 +1,8 @@
 """The neighbourhood graph of a scan and the shortest paths through it.
 
 Based on: Livny et al., "Automatic reconstruction of tree skeletal structures from point
-clouds", ACM Trans. Graph. 29(6), 2010, as retold in Pirk, PhD thesis, 2013, section 3.3.1:
+clouds", ACM Trans. Graph. 29(6), 2010, as retold in S. Pirk, "Efficient Processing of Plant Life in
+Computer Graphics", PhD thesis, University of Konstanz, 2013, section 3.3.1:
 connect neighbouring points, weigh each edge by its length to the power beta, take the
 shortest paths from the base of the trunk.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from recon.neighbours import bridge_gaps, neighbour_graph
 from recon.ordering import morton_order, thin
-from recon.stems import CROWN_SHARE, Stems, crown_tops, separate_stems
+from recon.stems import CROWN_SHARE, TOP, Stems, crown_tops, separate_stems
 
 MAX_POINTS = 150_000  # of the thinned cloud that ways are looked for in
 WAY_EXPONENT = 2.0  # ways take short steps: a gap between two crowns costs more than its length
@@ -35,7 +35,7 @@ def nearest_tree(xyz: np.ndarray, stems: Stems, height: np.ndarray) -> np.ndarra
     """
     from scipy.spatial import cKDTree
 
-    top = float(np.quantile(height, 0.998))
+    top = float(np.quantile(height, TOP))
     chosen = separate_stems(xyz, stems, height, top)
     if chosen.size < 2:
         tops = crown_tops(xyz[height > CROWN_SHARE * top], top)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from recon.cloud import Cloud, as_cloud
-from recon.ground import Ground, find_ground
+from recon.ground import BOTTOM, Ground, find_ground
 from recon.ordering import morton_order
-from recon.stems import Stems, count_trees, find_stems, stem_foot
+from recon.stems import TOP, Stems, count_trees, find_stems, stem_foot
 from treegraph.errors import InputError
 
 MIN_POINTS = 16
@@ -297,11 +297,11 @@ def _drop_strays(xyz: np.ndarray, notes: list[str]) -> np.ndarray:
 
 def _stems_above(xyz: np.ndarray, ground: Ground | None) -> tuple[Stems, np.ndarray, float]:
     """Stems, the height of each point above the ground or the foot of the scan, and that of the scan."""
-    height = xyz[:, 2] - np.quantile(xyz[:, 2], 0.001)
+    height = xyz[:, 2] - np.quantile(xyz[:, 2], BOTTOM)
     if ground is not None:
         under = ground.under(xyz)
         height = np.where(np.isfinite(under), xyz[:, 2] - under, height)
-    top = float(np.quantile(height, 0.998))
+    top = float(np.quantile(height, TOP))
     return find_stems(xyz, height, top), height, top
 
 

@@ -1,6 +1,7 @@
 """Radii of a skeleton: measured where points support them, inferred elsewhere.
 
-Based on: Pirk, PhD thesis, 2013, eq. 3.1 (allometry after Xu, Gossett and Chen 2007).
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", PhD thesis, University of
+Konstanz, 2013, eq. 3.1.
 
 Departs from it in: the trunk and the branches that have circles across their axis keep the
 measured radius; eq. 3.1 starts anew from the last measured node on the way to the root, instead of
@@ -25,8 +26,9 @@ def final_radii(skeleton: Skeleton, gamma: float, *, leafy: bool = False) -> tup
 
     On stretches with believed circles: the fitted tube. Beyond them
     :math:`r(u) = r_m (l(u) / l(m))^\gamma`, eq. 3.1 of [1]_ with the last measured node m in the
-    place of the root, unless the node's own points lie nearer around its axis than
-    :math:`r_m (l(u)/l(m))^{1/2}`: then their mean distance.
+    place of the root (the edge below u counts as part of l(u), or tips had no radius), unless the node's
+    own points lie nearer around its axis than :math:`r_m (l(u)/l(m))^{1/2}` or than the scan resolves:
+    then their mean distance, times :math:`\sqrt{k/(k-1)}` for an axis fitted to the same k points.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """From points to the first skeleton: slices of equal distance from the base.
 
-Based on: Pirk, PhD thesis, 2013, section 3.3.1 (shortest paths from the base of the trunk over a
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", PhD thesis, University of
+Konstanz, 2013, section 3.3.1 (shortest paths from the base of the trunk over a
 graph of neighbouring points, after Livny et al. 2010), with the cut into slices of equal distance
 from the base of Verroust and Lazarus, "Extracting skeletal curves from 3D scattered data", The
 Visual Computer 16(1), 2000.

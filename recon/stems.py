@@ -24,6 +24,10 @@ WIDE_AREA = 450.0  # m2 of ground under one tree at most
 WIDE_RATIO = 2.5  # width over height of one tree at most
 CROWN_SHARE = 0.3  # of the height: what is above belongs to crowns
 CROWN_RADIUS_SHARE = 0.1  # of the height: no other top is so near the top of a crown
+TOP = 0.998  # quantile of the heights
+FOOT_SPREADS = 1.5  # points of a stem are this near to its middle, in spreads ...
+FOOT_MARGIN = 0.10  # ... plus this, metres
+FOOT_WANDER = 0.5  # metres that the middle may wander on the way down
 FOOT_STEP = 0.10  # metres
 FOOT_GAP = 0.5  # a stem is followed down over gaps up to this, metres
 
@@ -205,8 +209,8 @@ def stem_foot(xyz: np.ndarray, centre: np.ndarray, spread: float) -> np.ndarray:
     (3,) float64
         Middle of the lowest points of the stem, at the height of the lowest.
     """
-    reach = 1.5 * spread + 0.10
-    near = xyz[(np.hypot(*(xyz[:, :2] - centre[:2]).T) < reach + 0.5) & (xyz[:, 2] < centre[2])]
+    reach = FOOT_SPREADS * spread + FOOT_MARGIN
+    near = xyz[(np.hypot(*(xyz[:, :2] - centre[:2]).T) < reach + FOOT_WANDER) & (xyz[:, 2] < centre[2])]
     middle = centre.copy()
     foot = centre.copy()
     z = centre[2]
