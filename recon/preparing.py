@@ -134,7 +134,7 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     stems, height, top = _stems_above(xyz, ground)
     if len(stems.centre) == 0 and settings.up == "z":
         _remark_lying(xyz, notes)
-    n_trees = _n_numbered(given, settings) or count_trees(xyz, stems, height, top)
+    n_trees = _n_numbered(given, settings) or _n_standing(xyz, stems, height, top)
     if n_trees > 1 and (settings.largest or settings.base is not None):
         base = None if settings.base is None else _given_base(given, xyz, settings, scale)
         mine = _one_of_many(given, index, xyz, stems, height, base, notes)
@@ -201,6 +201,16 @@ def _n_numbered(cloud: Cloud, settings: PrepareSettings) -> int:
         return 0
     _, count = np.unique(cloud.tree_id[cloud.tree_id >= 0], return_counts=True)
     return int((count >= MIN_TREE_SHARE * max(count.sum(), 1)).sum())
+
+
+def _n_standing(xyz: np.ndarray, stems: Stems, height: np.ndarray, top: float) -> int:
+    """Number of trees that a scan shows; if it is not one, counted on a ground of any shape."""
+    n_trees = count_trees(xyz, stems, height, top)
+    if n_trees > 1:
+        from recon.plots import stem_columns
+
+        return max(n_trees, len(stem_columns(xyz, top)[0]))
+    return n_trees
 
 
 def _turned(xyz: np.ndarray, up: str) -> np.ndarray:
@@ -323,7 +333,8 @@ def _without_ground(xyz: np.ndarray, ground: Ground, stems: Stems, notes: list[s
     if len(stems.centre):
         trunk = np.hypot(*(xyz[:, :2] - stem_foot(xyz, stems.centre[0], stems.spread[0])[:2]).T)
         is_ground &= trunk > GROUND_RADIUS_STEPS * stems.spread[0]
-    notes.append(f"{int(is_ground.sum())} of {len(xyz)} points are ground")
+    if is_ground.any():
+        notes.append(f"{int(is_ground.sum())} of {len(xyz)} points are ground")
     return ~is_ground
 
 
@@ -343,9 +354,9 @@ def _one_of_many(
         tree = np.asarray(cloud.tree_id)[index].astype(np.int64)
     else:
         tree = nearest_tree(xyz, stems, height)
-    number, count = np.unique(tree[tree >= 0], return_counts=True)
+    number = np.unique(tree[tree >= 0])
     if base is None:
-        mine = tree == number[np.argmax(count)]
+        mine = tree == number[np.argmax([_size(xyz[tree == k]) for k in number])]
         notes.append(f"of {number.size} trees the largest was taken: {int(mine.sum())} of {len(xyz)} points")
         return mine
     away = np.where(tree >= 0, ((xyz - base) ** 2).sum(axis=1), np.inf)
@@ -354,6 +365,11 @@ def _one_of_many(
         f"of {number.size} trees the one at the base was taken: {int(mine.sum())} of {len(xyz)} points"
     )
     return mine
+
+
+def _size(xyz: np.ndarray) -> float:
+    """What the largest of several trees has most of: points times height."""
+    return len(xyz) * float(np.ptp(np.quantile(xyz[:, 2], [0.02, 0.98])))
 
 
 def _given_base(cloud: Cloud, xyz: np.ndarray, settings: PrepareSettings, scale: float) -> np.ndarray:

@@ -15,6 +15,8 @@ MIN_COVER = 0.6  # share of the slab's height in which a stem has points
 MIN_COVER_ABOVE = 0.4  # and of the slab on top of it, around the same place
 ABOVE_REACH = 0.35  # metres that a stem may lean and spread by from one slab to the next
 MAX_SPREAD = 0.75  # root mean square distance from the middle of a stem, metres
+MIN_GROUP_POINTS = 8  # of a piece of stem in a slab of a plot
+MAX_GROUP_SPREAD = 0.45  # and the root mean square distance of its points from its axis, metres
 MIN_STEM_SHARE = 0.15  # of the points of the thickest stem in the slab
 TREE_DISTANCE = 2.0  # stems nearer than this, metres, are of one tree
 MIN_TREE_POINTS = 30  # in the slab; fewer, from the air, do not tell a stem from a branch
@@ -86,6 +88,34 @@ def find_stems(xyz: np.ndarray, height: np.ndarray, top: float) -> Stems:
     stem = stem[n_points[stem] >= MIN_STEM_SHARE * n_points[stem].max()]
     stem = stem[np.argsort(-n_points[stem], kind="stable")]
     return Stems(centre[stem], spread[stem], n_points[stem])
+
+
+def upright_groups(xyz: np.ndarray, low: float, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Compact upright groups of points in a slab of the scan.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+        The points of the slab.
+    low, size : float
+        Where the slab begins and how high it is, metres.
+
+    Returns
+    -------
+    centre : (k, 3) float64
+    spread : (k,) float64
+        Root mean square distance of the points of each group from its axis, metres.
+    """
+    if len(xyz) < MIN_GROUP_POINTS:
+        return np.zeros((0, 3)), np.zeros(0)
+    group, n_groups = _touching(xyz[:, :2])
+    n_points = np.bincount(group)
+    centre = np.stack([np.bincount(group, xyz[:, c]) for c in range(3)], axis=1) / n_points[:, None]
+    off = np.hypot(*(xyz[:, :2] - centre[group, :2]).T)
+    spread = np.sqrt(np.bincount(group, off**2) / n_points)
+    cover = _cover(xyz[:, 2], group, n_groups, low, size)
+    good = (cover >= MIN_COVER) & (spread <= MAX_GROUP_SPREAD) & (n_points >= MIN_GROUP_POINTS)
+    return centre[good], spread[good]
 
 
 def _touching(xy: np.ndarray) -> tuple[np.ndarray, int]:

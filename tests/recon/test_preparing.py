@@ -5,6 +5,7 @@ from synthetic import FORKED, crown, forked_tree, tube
 
 from recon import Cloud, EncodeSettings, PrepareSettings, encode, prepare
 from recon.ground import find_ground
+from recon.plots import stem_columns
 from recon.preparing import _turned
 from treegraph.errors import InputError
 
@@ -264,6 +265,22 @@ def test_forty_trees_are_many(rng):
         for j in range(5)
     ]
     assert prepare(np.concatenate(plot)).looks_like_many == 40
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.25])
+def test_stems_are_counted_on_any_ground(rng, slope):
+    places = [(4.0 * i, 3.5 * j) for i in range(4) for j in range(3)]
+    parts = [((x, y, slope * x), (x + 0.3, y, slope * x + 9.0), 0.12, 0.06) for x, y in places]
+    plot = forked_tree(rng, parts=parts, density=2500)
+    top = float(np.ptp(plot[:, 2]))
+    centre, spread = stem_columns(plot, top)
+    assert len(centre) == 12
+    assert np.abs(np.sort(centre[:, 0]) - np.sort([x for x, _ in places])).max() < 0.3
+    npt.assert_allclose(spread, 0.12, atol=0.03)
+    crowns = np.concatenate([crown(rng, 400, (x, y, slope * x + 10.0), (2.2, 2.0, 2.0)) for x, y in places])
+    got = prepare(np.concatenate([plot, crowns]), PrepareSettings(largest=True))
+    assert np.ptp(got.cloud.xyz[:, :2], axis=0).max() < 6.5
+    assert np.ptp(got.cloud.xyz[:, 2]) > 10.0
 
 
 def test_a_tree_of_two_stems_is_one(rng):
