@@ -24,7 +24,7 @@ from recon.dbh import BreastHeight, breast_height, hold_breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
 from recon.preparing import Prepared, PrepareSettings, prepare
-from recon.radii import final_radii
+from recon.radii import SMALLEST_RADIUS, final_radii
 from recon.skeleton import Skeleton, base_points, merge_nodes, slice_tree
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
 from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish, reattach
@@ -36,6 +36,11 @@ from treegraph.graph import TreeGraph
 TRUSTED_SPACINGS = 2.5  # edges up to this many point spacings are kept unasked
 MIN_WOOD_SHARE = 0.03  # of the points that must be labelled wood for the label to be used ...
 MIN_WOOD_POINTS = 200  # ... and how many
+BARE_SHARE = 0.05  # a skeleton that reaches less far, in extents of the scan, is no tree
+GUESSED_HEIGHT = 0.6  # a guessed stem ends at this share of the height
+GUESSED_NODES = 6
+GUESSED_SLENDERNESS = 80.0  # height over diameter at the foot
+GUESSED_NOTE = "no wood stands out: the stem is a guess from the foot to the middle of the crown"
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
@@ -228,8 +233,11 @@ def encode_with_report(
             skeleton, f_s, group = _hang_leaves(xyz, skeleton, settings, allometry.f_s)
         else:
             skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
+        guessed = _is_bare_foot(xyz, skeleton) and f_s < LEAFLESS_F_S
+        if guessed:
+            skeleton = guessed_stem(xyz, skeleton)
     with clock("radii"):
-        skeleton = polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
+        skeleton = skeleton if guessed else polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
         skeleton = replace(skeleton, radius=radius)
         dbh = breast_height(xyz, skeleton, measured, prepared.stem_spread is not None)
@@ -253,7 +261,52 @@ def encode_with_report(
     cloud = prepared.cloud
     tree = ClusterTree(graph, clusters, species, used, cloud.origin, cloud.epsg)
     report = _report(dbh, clock, prepared, xyz, f_s)
+    if guessed:
+        report = replace(report, notes=(*report.notes, GUESSED_NOTE))
     return Encoding(tree, report, cloud)
+
+
+def _is_bare_foot(xyz: np.ndarray, skeleton: Skeleton) -> bool:
+    """Whether hardly anything is left of a skeleton without its leafy nodes."""
+    reach = float(np.linalg.norm(skeleton.position - skeleton.position[0], axis=1).max())
+    return reach < BARE_SHARE * float(np.linalg.norm(np.ptp(xyz, axis=0)))
+
+
+def guessed_stem(xyz: np.ndarray, skeleton: Skeleton) -> Skeleton:
+    """A straight stem from the foot to the middle of the crown, for scans that hardly hit any wood.
+
+    Its diameter at the foot is the height over 80; no node of it counts as measured and all points
+    are left to the clusters.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float64
+    skeleton : Skeleton
+        What is left of the skeleton; only its widths are used.
+
+    Returns
+    -------
+    Skeleton
+    """
+    from scipy.spatial import cKDTree
+
+    low, high = np.quantile(xyz[:, 2], [0.002, 0.998])
+    upper = xyz[xyz[:, 2] >= 0.5 * (low + high), :2]
+    end = np.array([*np.median(upper, axis=0), low + GUESSED_HEIGHT * (high - low)])
+    foot = np.array([0.0, 0.0, min(0.0, float(end[2]))])
+    n = GUESSED_NODES
+    position = foot + np.linspace(0, 1, n)[:, None] * (end - foot)
+    radius = np.full(n, max(0.5 * float(high - low) / GUESSED_SLENDERNESS, SMALLEST_RADIUS))
+    return replace(
+        skeleton,
+        parent=np.arange(-1, n - 1, dtype=np.int32),
+        position=position,
+        radius=radius,
+        label=np.full(len(xyz), -1, np.int32),
+        home=cKDTree(position).query(xyz)[1].astype(np.int32),
+        is_tube=np.zeros(n, bool),
+        arc=np.zeros(n),
+    )
 
 
 def _points_to_encode(cloud: Cloud, settings: EncodeSettings) -> tuple[np.ndarray, int]:

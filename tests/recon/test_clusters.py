@@ -111,3 +111,18 @@ def test_labels_of_wood_and_leaf_are_used(rng):
     assert tips[0] == tips[1]  # no branch is made of leaves
     assert sum(c.n_points for c in result.tree.clusters) > 0.85 * len(leaves)
     assert encode_with_report(cloud, settings=EncodeSettings(f_s=1.0)).tree.clusters == ()
+
+
+def test_a_crown_without_wood_gets_a_guessed_stem_and_says_so(rng):
+    n = 4000
+    r, a = 2.5 * np.sqrt(rng.random(n)), rng.random(n) * 2 * np.pi
+    xyz = np.column_stack([r * np.cos(a), r * np.sin(a), 12 * rng.random(n) * (1 - r / 2.6)])
+    result = encoded(xyz[rng.permutation(n)[:1500]], f_s=0.02)
+    graph = result.tree.graph
+    height = float(np.ptp(xyz[:, 2]))
+    assert any("the stem is a guess" in note for note in result.report.notes)
+    assert not graph.attribute["measured"].any()
+    assert 0.4 * height < graph.position[-1, 2] < 0.65 * height
+    assert 2 * graph.radius[0] == pytest.approx(height / 80, rel=0.25)
+    assert result.report.dbh_m is None
+    assert len(result.tree.clusters) > 3
