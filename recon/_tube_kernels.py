@@ -1,7 +1,7 @@
-"""Compiled loops that fit tubes to the points of a skeleton; nothing is checked here.
+"""Compiled loops over the chains and tubes of a skeleton; nothing is checked here.
 
-One long file on purpose: numba keeps what it has compiled for as long as the file of the function is
-unchanged, and would not notice that a function called from another file is another one.
+One file, though a long one: these loops call each other, and the cache of compiled code does not
+notice a change in another file.
 """
 
 import math
