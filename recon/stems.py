@@ -177,7 +177,8 @@ def count_trees(xyz: np.ndarray, stems: Stems, height: np.ndarray, top: float) -
 def separate_stems(xyz: np.ndarray, stems: Stems, height: np.ndarray, top: float) -> np.ndarray:
     """Stems that stand on the ground, one of each group nearer than `TREE_DISTANCE`, indices."""
     chosen: list[np.int64] = []
-    for s in np.flatnonzero(stems.n_points >= MIN_TREE_POINTS):
+    compact = (stems.n_points >= MIN_TREE_POINTS) & (stems.spread <= MAX_GROUP_SPREAD)
+    for s in np.flatnonzero(compact):
         apart = all(np.hypot(*(stems.centre[s, :2] - stems.centre[t, :2])) > TREE_DISTANCE for t in chosen)
         if apart and _stands(xyz, height, stems.centre[s], stems.spread[s], top):
             chosen.append(s)
