@@ -12,12 +12,14 @@ BISECTIONS = 40  # halvings of the sampled interval: 1e-12 of the segment
 
 @_jit
 def _depth(point, chain_node, first, last, centre, position, radius):
-    """Distance of `point` (3,) above the surface of an axis (< 0: inside), and the nearest axis node.
+    """Distance of `point` (3,) above the surface of an axis (< 0: inside), nearest axis node and segment.
 
-    The axis is ``chain_node[first:last]``; only nodes within WINDOW of index `centre` are looked at.
+    The axis is ``chain_node[first:last]``; only nodes within WINDOW of index `centre` are looked at. Of the
+    segment, the index of the node at which it ends.
     """
     best = np.inf
     nearest = centre
+    segment = centre
     for k in range(max(first, centre - WINDOW), min(last - 1, centre + WINDOW)):
         a, b = chain_node[k], chain_node[k + 1]
         along = 0.0
@@ -37,12 +39,13 @@ def _depth(point, chain_node, first, last, centre, position, radius):
         if above < best:
             best = above
             nearest = k + 1 if t > 0.5 else k
-    return best, nearest
+            segment = k + 1
+    return best, nearest, segment
 
 
 @_jit
 def _way_out(start, end, chain_node, first, last, centre, position, radius, point):
-    """Share of the segment (0 to 1) at which it leaves the axis' surface, and the nearest axis node there.
+    """Share of the segment (0 to 1) at which it leaves the axis' surface, nearest axis node and segment there.
 
     1 says that it never leaves. `point` (3,) is scratch space.
     """
@@ -51,33 +54,38 @@ def _way_out(start, end, chain_node, first, last, centre, position, radius, poin
         t = step / MARCH_STEPS
         for axis in range(3):
             point[axis] = start[axis] + t * (end[axis] - start[axis])
-        above, nearest = _depth(point, chain_node, first, last, centre, position, radius)
+        above, nearest, carrying = _depth(point, chain_node, first, last, centre, position, radius)
         if above >= 0.0:
             break
         inside_until = t
         centre = nearest
     else:
-        return 1.0, centre
+        return 1.0, centre, carrying
     low, high = inside_until, t
     for _ in range(BISECTIONS):
         t = 0.5 * (low + high)
         for axis in range(3):
             point[axis] = start[axis] + t * (end[axis] - start[axis])
-        above, nearest = _depth(point, chain_node, first, last, centre, position, radius)
+        above, nearest, segment = _depth(point, chain_node, first, last, centre, position, radius)
         if above >= 0.0:
             high = t
         else:
             low = t
-    return high, centre
+            carrying = segment
+    return high, centre, carrying
 
 
 @_jit
-def trim_side_chains(chain_order, chain_start, chain_node, home, position, radius, start, start_radius, kept):
+def trim_side_chains(
+    chain_order, chain_start, chain_node, home, position, radius, start, start_radius, kept, below
+):
     """Move the foot of every side chain to the surface of the axis that carries it.
 
     chain_order (s,): the side chains, a carrying chain always before the chains it carries.
     home (n, 2): chain and index into chain_node at which each node is a member (not as a foot).
     start (n, 3), start_radius (n,), kept (n,) bool: of the segment that ends at each node; changed.
+    below (n,): the node whose segment is next towards the root; where a chain comes out of its carrier,
+    changed to the carrier's segment there.
     `home` is changed too: a node inside the carrying axis takes that axis as its home.
     """
     point = np.empty(3)
@@ -88,7 +96,7 @@ def trim_side_chains(chain_order, chain_start, chain_node, home, position, radiu
         for k in range(chain_start[c] + 1, chain_start[c + 1]):
             node = chain_node[k]
             before = chain_node[k - 1]
-            share, centre = _way_out(
+            share, centre, carrying = _way_out(
                 position[before], position[node], chain_node, first, last, centre, position, radius, point
             )
             if share >= 1.0:
@@ -99,4 +107,6 @@ def trim_side_chains(chain_order, chain_start, chain_node, home, position, radiu
             for axis in range(3):
                 start[node, axis] += share * (position[node, axis] - start[node, axis])
             start_radius[node] = radius[node]
+            if share > 0.0:
+                below[node] = chain_node[carrying]
             break

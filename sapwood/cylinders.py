@@ -41,9 +41,9 @@ def cylinder_table(graph: TreeGraph, origin: ArrayLike = (0.0, 0.0, 0.0)) -> NDA
     """List the cylinders of a tree, parents before children.
 
     A cylinder is the frustum of one segment. The first one of a side branch begins where the
-    branch's axis leaves the surface of its parent branch, with the branch's own radius there; segments that
-    lie wholly inside the parent branch, or have no length, are left out and what grows from them is
-    linked to the next cylinder towards the root.
+    branch's axis leaves the surface of its parent branch, with the branch's own radius there, and its
+    parent is the cylinder on whose surface that is; segments that lie wholly inside the parent branch, or
+    have no length, are left out and what grows from them is linked to the next cylinder towards the root.
 
     Parameters
     ----------
@@ -79,23 +79,22 @@ def cylinder_table(graph: TreeGraph, origin: ArrayLike = (0.0, 0.0, 0.0)) -> NDA
     start = graph.position[before]
     start_radius = graph.radius[before]
     kept = has_segment.copy()
-    chain_start, chain_node = treegraph.chains(graph)
-    _trim(
-        graph, np.asarray(chain_start, np.int64), np.asarray(chain_node, np.int64), start, start_radius, kept
-    )
+    below = parent.astype(np.int64)
+    _trim(graph, start, start_radius, kept, below)
     kept &= np.linalg.norm(graph.position - start, axis=1) > SHORTEST
 
-    table = np.zeros(int(kept.sum()), CYLINDER_DTYPE)
+    node, parent_row = _rows(below, kept)
+    table = np.zeros(node.size, CYLINDER_DTYPE)
     table["id"] = np.arange(table.size)
-    table["parent"] = _kept_ancestor(parent, kept)[kept]
+    table["parent"] = parent_row
     for axis, name in enumerate("xyz"):
-        table[f"{name}0"] = start[kept, axis]
-        table[f"{name}1"] = graph.position[kept, axis]
-    table["r0"] = start_radius[kept]
-    table["r1"] = graph.radius[kept]
-    table["order"] = np.asarray(treegraph.gravelius_order(graph))[kept]
+        table[f"{name}0"] = start[node, axis]
+        table[f"{name}1"] = graph.position[node, axis]
+    table["r0"] = start_radius[node]
+    table["r1"] = graph.radius[node]
+    table["order"] = np.asarray(treegraph.gravelius_order(graph))[node]
     if "measured" in graph.attribute:
-        table["measured"] = graph.attribute["measured"][kept]
+        table["measured"] = graph.attribute["measured"][node]
     return move_cylinders(table, origin)
 
 
@@ -108,8 +107,11 @@ def move_cylinders(table: NDArray[np.void], offset: ArrayLike) -> NDArray[np.voi
     return moved
 
 
-def _trim(graph, chain_start, chain_node, start, start_radius, kept):
-    """Cut the feet of all side chains; changes `start`, `start_radius` and `kept` in place."""
+def _trim(graph, start, start_radius, kept, below):
+    """Cut the feet of all side chains; changes `start`, `start_radius`, `kept` and `below` in place."""
+    import treegraph
+
+    chain_start, chain_node = (np.asarray(array, np.int64) for array in treegraph.chains(graph))
     n_chains = chain_start.size - 1
     length = np.diff(chain_start)
     chain_of = np.repeat(np.arange(n_chains), length)
@@ -134,20 +136,27 @@ def _trim(graph, chain_start, chain_node, start, start_radius, kept):
     radius = np.nan_to_num(graph.radius, nan=0.0)
     side = np.array(side, np.int64)  # treegraph.chains lists a chain after the one that it leaves
     _cylinder_kernels.trim_side_chains(
-        side, chain_start, chain_node, home, graph.position, radius, start, start_radius, kept
+        side, chain_start, chain_node, home, graph.position, radius, start, start_radius, kept, below
     )
 
 
-def _kept_ancestor(parent, kept):
-    """Row of the nearest kept segment below each node's own, -1 where there is none."""
-    row = np.cumsum(kept) - 1
-    nearest = np.full(parent.size, -1, np.int64)  # of the node itself
-    below = np.full(parent.size, -1, np.int64)
-    for i in range(parent.size):
-        if parent[i] >= 0:
-            below[i] = nearest[parent[i]]
-        nearest[i] = row[i] if kept[i] else below[i]
-    return below
+def _rows(below, kept):
+    """The nodes whose segments are kept, parents first, and the row of the kept segment below each."""
+    import treegraph
+
+    # Of each node's segment, or of the next kept one below it; the last entry stands for what is below a root.
+    row = np.full(below.size + 1, -1, np.int64)
+    nodes: list[int] = []
+    parent_rows: list[int] = []
+    for i in treegraph.sort_topological(below).tolist():
+        under = row[below[i]]
+        if kept[i]:
+            row[i] = len(nodes)
+            nodes.append(i)
+            parent_rows.append(under)
+        else:
+            row[i] = under
+    return np.array(nodes, np.int64), np.array(parent_rows, np.int64)
 
 
 def cylinder_length(table: NDArray[np.void]) -> NDArray[np.float64]:

@@ -30,20 +30,21 @@ def trunk_and(branch, *, trunk_radius=0.2, branch_radius=0.03):
     return TreeGraph(parent, trunk + list(branch), radius)
 
 
-@pytest.mark.parametrize("angle_deg", [90, 60, 30, 150])
-def test_a_branch_starts_on_its_parents_surface(angle_deg):
+@pytest.mark.parametrize("angle_deg, carrier", [(90, 1), (60, 2), (30, 2), (8, 3), (150, 1), (172, 0)])
+def test_a_branch_starts_on_its_parents_surface(angle_deg, carrier):
+    """Its parent is the cylinder of the trunk that it comes out of, wherever its foot is: here at z = 2."""
     angle = math.radians(angle_deg)
     tree = trunk_and([[3 * math.sin(angle), 0, 2 + 3 * math.cos(angle)]])
     table = cylinder_table(tree)
     assert table.size == 5
-    branch = table[-1]
+    branch = table[table["order"] == 1][0]
     out = 0.2 / math.sin(angle)  # along the branch to the wall of the trunk
     npt.assert_allclose([branch["x0"], branch["z0"]], [0.2, 2 + out * math.cos(angle)], atol=1e-9)
-    npt.assert_allclose(cylinder_length(table)[-1], 3 - out, atol=1e-9)
+    npt.assert_allclose(cylinder_length(table)[branch["id"]], 3 - out, atol=1e-9)
     assert branch["r0"] == branch["r1"] == 0.03  # its own, not the trunk's
-    assert branch["parent"] == 1
-    assert branch["order"] == 1
-    assert table["order"][:4].tolist() == [0] * 4
+    trunk = table[table["order"] == 0]
+    assert trunk["z0"].tolist() == [0, 1, 2, 3]
+    assert branch["parent"] == trunk["id"][carrier]
 
 
 def test_a_tapering_parent_is_a_cone():
@@ -84,10 +85,10 @@ def test_a_branch_wholly_inside_vanishes():
 
 
 def test_stems_from_one_root():
-    """The second stem is cut at the first one's surface; both have no parent."""
+    """The second stem is cut at the first one's surface and hangs on it: a tree has one root."""
     tree = TreeGraph([-1, 0, 0], [[0, 0, 0], [0, 0, 3], [2, 0, 0.5]], [0.1, 0.1, 0.05])
     table = cylinder_table(tree)
-    assert table["parent"].tolist() == [-1, -1]
+    assert table["parent"].tolist() == [-1, 0]
     assert np.hypot(table["x0"][1], table["y0"][1]) == pytest.approx(0.1, abs=1e-9)
 
 
@@ -174,6 +175,22 @@ def test_the_trunk_is_never_cut(tree):
     }
     for before, after in zip(trunk[:-1], trunk[1:], strict=True):
         assert ends[tuple(tree.position[after].tolist())] == tuple(tree.position[before].tolist())
+
+
+@given(trees())
+@settings(deadline=None, max_examples=100)
+def test_a_branch_touches_the_cylinder_that_is_its_parent(tree):
+    """Of what leaves the trunk, which is never cut itself; within one axis ends meet."""
+    table = cylinder_table(tree)
+    start, node = chains(tree)
+    trunk = set(map(tuple, tree.position[node[start[0] : start[1]]].tolist()))
+    foot, end = points(table, 0), points(table, 1)
+    for row in table[table["parent"] >= 0]:
+        k, below = row["id"], table[row["parent"]]
+        touches = (foot[k] == end[row["parent"]]).all()
+        if tuple(end[row["parent"]].tolist()) in trunk and not touches:
+            a, b = foot[row["parent"]], end[row["parent"]]
+            assert abs(cone_distance(foot[k], a, b, below["r0"], below["r1"])) < 1e-6
 
 
 @given(trees())
