@@ -46,7 +46,8 @@ THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
 ABSORB_ROUNDS = 2
 DEFAULT_BETA = 2.5  # of trees of no known species: only gaps feel it, and short ones are best
-LEAFLESS_TURN = np.radians(18.0)  # chains that turn less at their median node show no leaves
+LEAFLESS_TURN = np.radians(18.0)  # chains that turn less at their median node show no leaves ...
+LEAFLESS_LOST = 0.3  # ... if no larger share of the points than this fell out of the skeleton
 LEAFLESS_F_S = 1.0
 
 
@@ -62,8 +63,8 @@ class EncodeSettings:
         Exponent of eq. 3.1, > 0; the species' if None.
     f_s : float or None
         Factor of eq. 3.2, 0 < f_s <= 1. 1 means a leafless tree: no clusters, all points show
-        wood. If None: 1 for a tree whose chains are smooth (`recon.clusters.median_turn`), else the
-        species' value.
+        wood. If None: 1 for a tree whose chains are smooth (:func:`recon.clusters.median_turn`) and
+        hold most points, else the species' value.
     n_neighbours : int
         Neighbours of each point in the graph, 4 to 64.
     max_points : int
@@ -426,7 +427,8 @@ def _split_off_leaves(
     """The main branches only, where the tree has leaves; the f_s used; the bough of each point."""
     no_group = np.zeros(0, np.int64)
     if settings.f_s is None:
-        factor = LEAFLESS_F_S if median_turn(skeleton) < LEAFLESS_TURN else species_f_s
+        is_bare = median_turn(skeleton) < LEAFLESS_TURN and (skeleton.label < 0).mean() < LEAFLESS_LOST
+        factor = LEAFLESS_F_S if is_bare else species_f_s
     else:
         factor = settings.f_s
     if factor >= LEAFLESS_F_S:
