@@ -45,7 +45,7 @@ def _depth(point, chain_node, first, last, centre, position, radius):
 
 @_jit
 def _way_out(start, end, chain_node, first, last, centre, position, radius, point):
-    """Share of the segment (0 to 1) at which it leaves the axis' surface, nearest axis node and segment there.
+    """Share of the segment (0 to 1) at which it leaves the axis' surface; axis node and segment there.
 
     1 says that it never leaves. `point` (3,) is scratch space.
     """

@@ -15,6 +15,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from sapwood.text import one_line
 from treegraph.errors import FitError, FormatError, InputError
 
 __all__ = ["DIED", "DONE", "INPUT", "INTERNAL", "Job", "Outcome", "run_batch", "run_job"]
@@ -203,8 +204,3 @@ def _serve(connection: Connection, work: Callable[[Job], Outcome]) -> None:
         except (EOFError, OSError):
             return
         connection.send(work(job))
-
-
-def one_line(error: BaseException) -> str:
-    """The error's message without line breaks."""
-    return " ".join(str(error).split())

@@ -144,7 +144,7 @@ def _rows(below, kept):
     """The nodes whose segments are kept, parents first, and the row of the kept segment below each."""
     import treegraph
 
-    # Of each node's segment, or of the next kept one below it; the last entry stands for what is below a root.
+    # Of each node's segment, or of the next kept one below it; the last entry is what is below a root.
     row = np.full(below.size + 1, -1, np.int64)
     nodes: list[int] = []
     parent_rows: list[int] = []

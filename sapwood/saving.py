@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from sapwood._version import SCHEMA_VERSION, __version__
 from sapwood.cylinders import format_cylinders
 from sapwood.outputs import Staging, check_free
 from sapwood.pipeline import Clock
+from sapwood.text import to_json
 
 if TYPE_CHECKING:
     from sapwood.pipeline import Reconstruction
@@ -111,8 +111,7 @@ def save(
             seed=seed,
             seconds={**tree.seconds, **clock.seconds},
         )
-        text = json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        (stage.path / f"{tree.name}.json").write_text(text, encoding="utf-8")
+        (stage.path / f"{tree.name}.json").write_text(to_json(report), encoding="utf-8")
         files = stage.publish(report["files"])
     return Saved(files, report, tuple(notices))
 

@@ -23,6 +23,7 @@ from sapwood.cli.info import info  # noqa: E402
 from sapwood.cli.preview import preview  # noqa: E402
 from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
 from sapwood.cli.terminal import Terminal  # noqa: E402
+from sapwood.text import one_line  # noqa: E402
 
 __all__ = ["COMMANDS", "main", "make_app", "reconstruct_main", "sapwood_main"]
 
@@ -74,21 +75,20 @@ def main(program: str, arguments: Sequence[str]) -> int:
         )
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone: `reconstruct --help | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = OURS
+    except SystemExit:  # typer's answer when the reader of its help has gone: `reconstruct --help | head -1`
+        code = 0
     except Exception as error:  # noqa: BLE001 - the top: whatever it is becomes one line and an exit code
-        return _explain(terminal, program, error)
+        return _explain(terminal, program, arguments, error)
     if code == INTERRUPTED:
         terminal.error("interrupted; what was not finished has been removed.")
     return int(code or 0)
 
 
-def _explain(terminal: Terminal, program: str, error: Exception) -> int:
+def _explain(terminal: Terminal, program: str, arguments: Sequence[str], error: Exception) -> int:
     """Say what went wrong in one line and return the exit code."""
-    from sapwood.batch import one_line
     from treegraph.errors import FitError, FormatError, InputError
 
+    command = arguments[0] if program == "sapwood" and arguments and arguments[0] in COMMANDS else None
     text, trace, code = one_line(error), "", THEIRS
     if isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {error.strerror}."
@@ -96,12 +96,14 @@ def _explain(terminal: Terminal, program: str, error: Exception) -> int:
         text = "memory ran out; thin the scan with --max-points."
     elif _is_usage(error):
         message: Any = error
-        text = f"{' '.join(message.format_message().split())} (`{program} --help` lists the options)"
+        text = " ".join(message.format_message().split()) or "Missing command."
+        whole = f"{program} {command}" if command else program
+        text = f"{text} (`{whole} --help` lists the options)"
     elif not isinstance(error, InputError | FormatError | FitError):
         trace = "".join(traceback.format_exception(error))
         text, code = f"{type(error).__name__}: {text} ({REPORT_IT})", OURS
     terminal.error(text, trace)
-    terminal.json(program, error={"message": text, "exit_code": code})
+    terminal.json(command or program, error={"message": text, "exit_code": code})
     return code
 
 
@@ -114,13 +116,30 @@ def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
+def _open_closed_streams() -> None:
+    """Lead standard streams that were closed (``2>&-``) nowhere, lest the next file opened becomes one."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            os.set_inheritable(number, True)
+            stream = os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False)
+            setattr(sys, name, stream)
+
+
+def _run(program: str) -> None:
+    signal.signal(signal.SIGTERM, _interrupt)
+    _open_closed_streams()
+    sys.exit(main(program, sys.argv[1:]))
+
+
 def reconstruct_main() -> None:
     """Entry point of ``reconstruct``."""
-    signal.signal(signal.SIGTERM, _interrupt)
-    sys.exit(main("reconstruct", sys.argv[1:]))
+    _run("reconstruct")
 
 
 def sapwood_main() -> None:
     """Entry point of ``sapwood``."""
-    signal.signal(signal.SIGTERM, _interrupt)
-    sys.exit(main("sapwood", sys.argv[1:]))
+    _run("sapwood")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TextIO
 
 from sapwood._version import SCHEMA_VERSION, __version__
+from sapwood.text import encodable, to_json, visible
 
 __all__ = ["Terminal"]
 
@@ -41,20 +43,18 @@ class Terminal:
         if self._progress is not None:
             self._held.append(text)
         else:
-            sys.stdout.write(text + "\n")
-            sys.stdout.flush()
+            _print(visible(text) + "\n")
 
     def json(self, command: str, **fields: Any) -> None:
         """The result, for machines."""
         if self.as_json:
             said = {"schema_version": SCHEMA_VERSION, "command": command, "version": __version__, **fields}
-            sys.stdout.write(json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-            sys.stdout.flush()
+            _print(to_json(said, sys.stdout.encoding))
 
     def log(self, text: str) -> None:
         """What is going on."""
         if not self.quiet:
-            self._write(text)
+            self._write(visible(text))
 
     def note(self, text: str) -> None:
         """A remark on the input."""
@@ -81,7 +81,7 @@ class Terminal:
         """What went wrong; said even when quiet."""
         if trace and self.verbose:
             self._write(trace.rstrip())
-        self._write(f"error: {text}")
+        self._write(f"error: {visible(text)}")
 
     @property
     def shows_progress(self) -> bool:
@@ -112,11 +112,39 @@ class Terminal:
             self.result(line)
 
     def _write(self, text: str) -> None:
-        if self._progress is not None:
-            self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
-        else:
-            sys.stderr.write(text + "\n")
-            sys.stderr.flush()
+        """A line to stderr. Where that cannot be (a full disk, a closed pipe) the work goes on."""
+        text = encodable(text, sys.stderr.encoding)
+        try:
+            if self._progress is not None:
+                self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            else:
+                sys.stderr.write(text + "\n")
+                sys.stderr.flush()
+        except OSError:
+            _send_nowhere(sys.stderr)
+
+
+def _print(text: str) -> None:
+    """Write to stdout; once its reader has gone (``| head -1``) nothing more, and the work goes on."""
+    try:
+        sys.stdout.write(encodable(text, sys.stdout.encoding))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _send_nowhere(sys.stdout)
+    except OSError as error:
+        from treegraph.errors import InputError
+
+        _send_nowhere(sys.stdout)
+        raise InputError(f"standard output: cannot be written ({error.strerror}).") from None
+
+
+def _send_nowhere(stream: TextIO) -> None:
+    """Let a stream that cannot be written end in the null device, what it holds back included."""
+    with contextlib.suppress(OSError):  # it is no file of the system, as in tests
+        number = stream.fileno()
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, number)
+        os.close(null)
 
 
 class Progress:
