@@ -19,37 +19,56 @@ SCAN_SUFFIXES = (".las", ".laz", ".ply", ".pcd", ".e57", ".xyz", ".txt", ".csv",
 #: Of these many are no scans: in a folder they count if there are rows of three numbers in them.
 TEXT_SUFFIXES = (".txt", ".csv", ".asc", ".pts", ".xyz")
 
+LONGEST = 220
+"""Bytes of a name, so that suffixes and a number have room behind it in the 255 that file systems allow."""
+
 _GLOB_CHARACTERS = "*?["
 _HEAD = 8192
 """Bytes of a text file that are looked at."""
 
 
-def find_scans(arguments: Iterable[str], skipped: list[Path] | None = None) -> list[Path]:
+def find_scans(
+    arguments: Iterable[str],
+    skipped: list[Path] | None = None,
+    refused: list[tuple[str, str]] | None = None,
+) -> list[Path]:
     """List the scans that the arguments of a command mean.
 
-    A folder means the scans in it (not in its sub-folders) by their suffix, a pattern such as
-    ``"plots/**/*.laz"`` what it matches; both in alphabetical order. A file named twice is taken once.
-    Text files of a folder without rows of numbers (a licence, a list) are left out, and listed in
-    `skipped`.
+    A folder means the scans in it (not in its sub-folders, and no hidden files) by their suffix, a
+    pattern such as ``"plots/**/*.laz"`` what it matches; both in alphabetical order. A file named twice
+    is taken once. Text files of a folder without rows of numbers (a licence, a list) are left out, and
+    listed in `skipped`.
+
+    Folders without scans and patterns that match nothing are listed in `refused` with what is to be
+    said of them, and do not keep the others from being found.
 
     Raises
     ------
     InputError
-        If an argument is no file, an empty folder, or a pattern that matches nothing.
+        If there is no argument; without `refused`, if one means no scan.
     """
-    found: dict[str, Path] = {}
-    for argument in arguments:
-        for path in _expand(str(argument), skipped if skipped is not None else []):
-            found.setdefault(os.path.realpath(path), path)
-    if not found:
+    named = [str(argument) for argument in arguments]
+    if not named:
         raise InputError("no scan was named; give at least one file, folder or pattern.")
+    found: dict[str, Path] = {}
+    for argument in named:
+        try:
+            for path in _expand(argument, skipped if skipped is not None else []):
+                found.setdefault(os.path.realpath(path), path)
+        except InputError as error:
+            if refused is None:
+                raise
+            refused.append((argument, str(error)))
     return list(found.values())
 
 
 def _expand(argument: str, skipped: list[Path]) -> list[Path]:
     path = Path(argument)
     if path.is_dir():
-        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SCAN_SUFFIXES and p.is_file())
+        try:
+            found = sorted(p for p in path.iterdir() if _looks_like_a_scan(p))
+        except OSError as error:
+            raise InputError(f"{argument}: the folder cannot be read ({error.strerror}).") from None
         scans = [p for p in found if p.suffix.lower() not in TEXT_SUFFIXES or _has_rows(p)]
         skipped.extend(p for p in found if p not in scans)
         if not scans:
@@ -64,6 +83,16 @@ def _expand(argument: str, skipped: list[Path]) -> list[Path]:
             raise InputError(f"{argument}: no file matches this pattern.")
         return scans
     return [path]  # a missing file is said by the reader, as that scan's own failure
+
+
+def _looks_like_a_scan(path: Path) -> bool:
+    """Whether a file of a folder is meant: a link to what is not there is, and fails as a scan of its own.
+
+    Hidden files are not: some systems put ``._oak.laz`` beside every ``oak.laz``.
+    """
+    if path.name.startswith(".") or path.suffix.lower() not in SCAN_SUFFIXES:
+        return False
+    return path.is_file() or (path.is_symlink() and not path.exists())
 
 
 def _has_rows(path: Path) -> bool:
@@ -96,7 +125,8 @@ def name_scans(scans: Iterable[Path]) -> list[str]:
     Scans that would share a name get as many of their folders in front as it takes to tell them
     apart (``north/tree.laz`` and ``south/tree.laz`` become ``north-tree`` and ``south-tree``); those of
     one folder get their suffix behind (``tree-laz``, ``tree-ply``). Upper and lower case count as the same
-    letter, as they do on some file systems.
+    letter, as they do on some file systems. Of a name that leaves no room for the suffixes of the outputs
+    the end is cut off.
 
     Examples
     --------
@@ -120,7 +150,13 @@ def name_scans(scans: Iterable[Path]) -> list[str]:
         for k in deeper:
             depth[k] += 1
             full[k] = "-".join([*paths[k].parent.parts[-depth[k] :], names[k]])
-    return _number(full)
+    return _number([_shorten(name) for name in full])
+
+
+def _shorten(name: str) -> str:
+    while len(os.fsencode(name)) > LONGEST:
+        name = name[:-1]
+    return name
 
 
 def _number(names: list[str]) -> list[str]:

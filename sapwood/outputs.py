@@ -22,7 +22,7 @@ class Staging:
 
     Leaving the ``with`` block, however that happens, removes the hidden folder and what is still in it.
 
-    Leaving it also removes `folder` itself if entering made it and nothing was published there.
+    Leaving it also removes `folder` and those above it that entering made, if nothing was published there.
 
     Parameters
     ----------
@@ -43,10 +43,11 @@ class Staging:
         self.folder = Path(folder)
         self.path = self.folder
         self._inside = self.folder if inside is None else Path(inside)
-        self._made_folder = False
+        self._made: list[Path] = []
 
     def __enter__(self) -> Staging:
-        self._made_folder = not self.folder.exists()
+        above = [self.folder, *self.folder.parents]
+        self._made = [folder for folder in above if not folder.exists()]  # the deepest first
         make_folder(self.folder)
         try:
             self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self._inside))
@@ -60,9 +61,9 @@ class Staging:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self.path, ignore_errors=True)
-        if self._made_folder:
-            with contextlib.suppress(OSError):  # there is something in it
-                self.folder.rmdir()
+        with contextlib.suppress(OSError):  # there is something in it
+            for folder in self._made:
+                folder.rmdir()
 
     def publish(self, names: Iterable[str]) -> list[Path]:
         """Move finished files to their place, replacing what is there; in the order given."""

@@ -46,6 +46,10 @@ def reconstruct(
         o.option(o.OUTPUT, "--turntable", help="Draw NAME.gif, the tree from all sides."),
     ] = False,
     force: o.Force = False,
+    resume: Annotated[
+        bool,
+        o.option(o.OUTPUT, "--resume", help="Leave out scans that are done: their NAME.json is there."),
+    ] = False,
     jobs: Annotated[
         int,
         o.option(o.RUN, "--jobs", "-j", metavar="N", min=1, help="Scans done side by side."),
@@ -81,7 +85,7 @@ def reconstruct(
         **scan_options(units, up, base, largest, tree_id, keep_ground, max_points, as_points, decimal),
     }
     saving = {"preview": not no_preview, "turntable": turntable, "force": force, "seed": seed}
-    return run(terminal, scans, output, reading, saving, jobs)
+    return run(terminal, scans, output, reading, saving, jobs, resume)
 
 
 def scan_options(
@@ -117,36 +121,37 @@ def run(
     reading: dict[str, Any],
     saving: dict[str, Any],
     n_workers: int,
+    resume: bool = False,
 ) -> int:
     """Do the scans, say what came of them, and return the exit code."""
-    from sapwood.batch import DONE, Job
-    from sapwood.naming import find_scans, name_scans
+    from sapwood.batch import DONE, INPUT, Job, Outcome
     from sapwood.outputs import Staging, check_free
     from sapwood.saving import output_names
 
     start = perf_counter()
-    skipped: list[Path] = []
-    paths = find_scans(scans, skipped)
-    for path in skipped:
-        terminal.note(f"{path}: left out, there are no points in it")
-    names = name_scans(paths)
+    scan_of, refused = _find(terminal, scans)
     _check_options(reading)
+    if resume:
+        done = [name for name in scan_of if (folder / f"{name}.json").exists()]
+        terminal.note(f"{len(done)} of {len(scan_of)} scans are done already and left out")
+        scan_of = {name: path for name, path in scan_of.items() if name not in {*done}}
     wanted = {"preview": saving["preview"], "turntable": saving["turntable"]}
-    files = [folder / file for name in names for file in output_names(name, **wanted)]
+    files = [folder / file for name in scan_of for file in output_names(name, **wanted)]
     check_free(files, force=saving["force"])
-    terminal.warn_of_compiling()
     outcomes: list[Outcome] = []
-    with Staging(folder) as staging:
-        jobs = [
-            Job(str(path), name, str(folder), str(staging.path), reading, saving)
-            for path, name in zip(paths, names, strict=True)
-        ]
-        with closing(_outcomes(terminal, jobs, n_workers)) as coming:  # no worker outlives its folder
-            for outcome in coming:
-                outcomes.append(outcome)
-                _say(terminal, outcome, len(outcomes), len(jobs))
-    place = {name: k for k, name in enumerate(names)}
-    outcomes.sort(key=lambda outcome: place[outcome.job.name])
+    if scan_of:
+        terminal.warn_of_compiling()
+        with Staging(folder) as staging:
+            place = str(folder), str(staging.path)
+            jobs = [Job(str(path), name, *place, reading, saving) for name, path in scan_of.items()]
+            with closing(_outcomes(terminal, jobs, n_workers)) as coming:  # no worker outlives its folder
+                for outcome in coming:
+                    outcomes.append(outcome)
+                    _say(terminal, outcome, len(outcomes), len(jobs))
+    order = {name: k for k, name in enumerate(scan_of)}
+    outcomes.sort(key=lambda outcome: order[outcome.job.name])
+    for argument, message in refused:
+        outcomes.append(Outcome(Job(argument, Path(argument).name, str(folder), ""), INPUT, message))
     failed = [outcome for outcome in outcomes if outcome.kind != DONE]
     for outcome in outcomes:
         if outcome.report is not None:
@@ -162,6 +167,18 @@ def run(
         seconds=round(perf_counter() - start, 3),
     )
     return _exit_code(outcomes, failed)
+
+
+def _find(terminal: Terminal, arguments: Sequence[str]) -> tuple[dict[str, Path], list[tuple[str, str]]]:
+    """The scans by the names of their outputs, and the arguments that mean no scan with what is wrong."""
+    from sapwood.naming import find_scans, name_scans
+
+    skipped: list[Path] = []
+    refused: list[tuple[str, str]] = []
+    paths = find_scans(arguments, skipped, refused)
+    for path in skipped:
+        terminal.note(f"{path}: left out, there are no points in it")
+    return dict(zip(name_scans(paths), paths, strict=True)), refused
 
 
 def _check_options(reading: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """The commands as people use them: exit code, stdout and stderr."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -170,6 +171,74 @@ def test_all_failed_by_input(run, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_means_no_scan_does_not_stop_the_others(run, scans, tmp_path):
+    (tmp_path / "empty").mkdir()
+    arguments = ["empty", scans / "bare.xyz", "*.e57"]
+    done = run("reconstruct", *arguments, "-o", "out", "--no-preview", "--json")
+    assert done.code == 3
+    assert done.err.splitlines() == [
+        "error: 2 of 3 scans failed:",
+        "error: empty: no scan in this folder; looked for .las .laz .ply .pcd .e57 .xyz .txt .csv .asc .pts "
+        ".npy, not in sub-folders.",
+        "error: *.e57: no file matches this pattern.",
+    ]
+    assert [tree["name"] for tree in done.json["trees"]] == ["bare"]
+    assert [(f["scan"], f["kind"]) for f in done.json["failed"]] == [("empty", "input"), ("*.e57", "input")]
+    alone = run("reconstruct", "empty", "-o", "new/deep")
+    assert (alone.code, alone.out) == (2, "")
+    assert alone.error.startswith("empty: no scan in this folder")
+    assert names(tmp_path) == ["empty", "out"]
+
+
+def test_a_failure_leaves_no_folder_behind(run, tmp_path):
+    (tmp_path / "a.xyz").write_text("")
+    assert run("reconstruct", "a.xyz", "-o", "new/and/deep").code == 2
+    assert names(tmp_path) == ["a.xyz"]
+
+
+def test_resume_leaves_out_what_is_done(run, scans, tmp_path):
+    arguments = ["reconstruct", scans / "bare.xyz", scans / "leafy.xyz", "-o", "out", "--no-preview"]
+    run("reconstruct", scans / "bare.xyz", "-o", "out", "--no-preview")
+    before = (tmp_path / "out" / "bare.json").read_bytes()
+    done = run(*arguments, "--resume", "--json", "--force")
+    assert done.code == 0
+    assert "note: 1 of 2 scans are done already and left out" in done.err.splitlines()
+    assert [tree["name"] for tree in done.json["trees"]] == ["leafy"]
+    assert (tmp_path / "out" / "bare.json").read_bytes() == before
+    again = run(*arguments, "--resume", "--quiet")
+    assert (again.code, again.out, again.err) == (0, "", "")
+    (tmp_path / "out" / "leafy.json").unlink()  # not complete, and yet not to be replaced unasked
+    assert run(*arguments, "--resume").code == 2
+
+
+def test_strange_names(run, scans, tmp_path):
+    """Each is said in one line, and the report and the JSON can be read and give the very name."""
+    strange = [os.fsdecode(b"by\xfftes"), "new\nline", "[red]樹", "-o", "x" * 250]
+    (tmp_path / "in").mkdir()
+    for name in strange:
+        (tmp_path / "in" / f"{name}.xyz").write_bytes((scans / "bare.xyz").read_bytes())
+    done = run("reconstruct", "in", "-o", "out", "--no-preview")
+    assert done.code == 0, done.err
+    assert len(done.out.splitlines()) == len(strange)
+    assert r"by\udcfftes: " in done.out
+    assert r"new\nline: " in done.out
+    found = {json.loads(path.read_text("utf-8"))["name"] for path in (tmp_path / "out").glob("*.json")}
+    assert found == {*strange[:-1], "x" * 220}
+    failed = run(
+        "reconstruct",
+        f"in/{strange[0]}.xyz",
+        "in/[red]樹.xyz",
+        "no\n樹.xyz",
+        "-o",
+        "o2",
+        "--no-preview",
+        "--json",
+    )
+    assert failed.code == 3
+    assert "error: no 樹.xyz: there is no such file." in failed.err
+    assert failed.json["trees"][0]["source"] == f"in/{strange[0]}.xyz"
+
+
 # ---------------------------------------------------------------- decode
 
 
@@ -219,7 +288,7 @@ def test_detail(run, lobes, tmp_path):
         (["LOBES", "-o", "a.stl"], r"a\.stl: the name must end in one of \.glb \.obj \.ply \.swc \.csv\."),
         (["junk.lobes", "-o", "a.glb"], r"junk\.lobes: .+"),
         (["cut.lobes", "-o", "a.glb"], r"cut\.lobes: .+"),
-        (["LOBES"], r"Missing option '--output' / '-o'\.? \(`sapwood --help` lists the options\)"),
+        (["LOBES"], r"Missing option '--output' / '-o'\.? \(`sapwood decode --help` lists the options\)"),
         (["LOBES", "-o", "a.glb", "--detail", "superb"], r"Invalid value for '--detail'.+superb.+"),
         (
             ["LOBES", "-o", "junk.lobes/a.glb"],
@@ -318,6 +387,7 @@ def test_info_of_nothing(run):
     assert done.code == 2
     assert done.error.startswith("missing.laz: there is no such file.")
     assert done.json["error"] == {"message": done.error, "exit_code": 2}
+    assert done.json["command"] == "info"
 
 
 def test_doctor(run):
@@ -417,6 +487,7 @@ def test_the_page_of_commands_is_current():
         (["reconstruct", "a.xyz", "-o", "o", "--species", "oka"], "species must be one of"),
         (["reconstruct", "a.xyz", "-o", "o", "--colour"], "No such option: --colour"),
         (["sapwood", "reconstrcut"], "No such command 'reconstrcut'."),
+        (["sapwood", "info"], "(`sapwood info --help` lists the options)"),
     ],
 )
 def test_arguments_at_fault(run, tmp_path, arguments, said):
@@ -425,6 +496,13 @@ def test_arguments_at_fault(run, tmp_path, arguments, said):
     assert said in done.error
     assert done.out == ""
     assert names(tmp_path) == []
+
+
+def test_no_command(run):
+    done = run("sapwood")
+    assert done.code == 2
+    assert done.error == "Missing command. (`sapwood --help` lists the options)"
+    assert "Example:" in done.out
 
 
 def test_our_own_fault_is_one_line_and_a_traceback_with_v(run, lobes, monkeypatch):
@@ -495,9 +573,66 @@ def test_help_loads_nothing_heavy():
 def test_a_closed_pipe_is_no_drama():
     process = spawn("reconstruct", "--help", cwd=ROOT)
     process.stdout.close()
-    process.wait(timeout=60)
-    assert "Traceback" not in process.stderr.read()
+    assert process.wait(timeout=60) == 0
+    assert process.stderr.read() == ""
     process.stderr.close()
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_the_work_is_done_although_nobody_listens(scans, tmp_path, stream):
+    """What is left to be said is said where it can be, and the exit code stays true."""
+    arguments = ["reconstruct", scans / "bare.xyz", "missing.laz", "-o", "out", "--no-preview"]
+    process = spawn(*arguments, cwd=tmp_path)
+    getattr(process, stream).close()
+    assert process.wait(timeout=120) == 3
+    assert len(names(tmp_path / "out")) == 4
+    other = process.stdout if stream == "stderr" else process.stderr
+    said = other.read()
+    other.close()
+    assert ("bare: " if stream == "stderr" else "error: missing.laz: there is no such file.") in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("closing", ["<&-", ">&-", "2>&-"])
+def test_closed_streams(lobes, scans, tmp_path, closing):
+    """A file that is opened must not take the place of a closed stream."""
+    command = [sys.executable, "-m", "sapwood", "decode", str(lobes), "-o", "x.swc"]
+    shell = ["/bin/sh", "-c", f'exec "$@" {closing}', "sh", *command]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(shell, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("x.swc (") or closing == ">&-"
+    assert (tmp_path / "x.swc").read_text().startswith("#")
+    assert "x.swc (" not in (tmp_path / "x.swc").read_text()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_a_full_disk_behind_stdout(lobes, tmp_path):
+    command = [sys.executable, "-m", "sapwood", "info", str(lobes)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            command,
+            cwd=tmp_path,
+            env=environment,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "error: standard output: cannot be written (No space left on device).\n"
+
+
+def test_a_terminal_that_knows_ascii_only(scans, tmp_path):
+    (tmp_path / "樹.xyz").write_bytes((scans / "bare.xyz").read_bytes())
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"}
+    for more in ([], ["--json"]):
+        command = [sys.executable, "-m", "sapwood", "info", "樹.xyz", *more]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert done.stdout.startswith(b"\\u6a39.xyz\n" if not more else b"{")
+    assert json.loads(done.stdout)["input"] == "樹.xyz"
 
 
 def test_main_can_be_called_again_and_again(run, lobes):

@@ -53,6 +53,27 @@ def test_a_file_with_brackets_in_its_name_is_no_pattern(tmp_path):
     assert find_scans([str(path)]) == [path]
 
 
+def test_hidden_files_of_a_folder_are_left_out_and_broken_links_are_not(tmp_path):
+    """macOS puts ._oak.laz beside oak.laz; a link to a disk that is not there must not be passed over."""
+    for name in ("oak.laz", "._oak.laz", ".hidden.xyz"):
+        (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "link.laz").symlink_to(tmp_path / "unmounted" / "link.laz")
+    (tmp_path / "folder.laz").mkdir()
+    assert [p.name for p in find_scans([str(tmp_path)])] == ["link.laz", "oak.laz"]
+    hidden = tmp_path / ".hidden.xyz"
+    assert find_scans([str(hidden)]) == [hidden]  # named, it is taken
+
+
+def test_what_means_no_scan_can_be_collected(plots, monkeypatch):
+    monkeypatch.chdir(plots)
+    refused = []
+    assert [p.name for p in find_scans(["empty", "a", "*.e57"], None, refused)] == ["Birch.PLY", "tree.laz"]
+    assert [argument for argument, _ in refused] == ["empty", "*.e57"]
+    assert refused[1][1] == "*.e57: no file matches this pattern."
+    refused.clear()
+    assert find_scans(["empty"], None, refused) == []
+
+
 @pytest.mark.parametrize(
     "argument, match",
     [("empty", "no scan in this folder; looked for"), ("*.e57", r"\*\.e57: no file matches this pattern")],
@@ -83,6 +104,12 @@ def test_no_argument():
 )
 def test_names(scans, names):
     assert name_scans([Path(s) for s in scans]) == names
+
+
+def test_a_long_name_leaves_room_for_suffixes():
+    long = ["a" * 251, "樹" * 83, "a" * 240 + "b"]
+    found = name_scans([Path(f"{name}.xyz") for name in long])
+    assert found == ["a" * 220, "樹" * 73, "a" * 220 + "-2"]
 
 
 part = st.text("aAb-2", min_size=1, max_size=3)
