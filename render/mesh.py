@@ -1,6 +1,6 @@
 """The branch mesh: one smooth closed tube per chain of a tree graph.
 
-Based on: S. Pirk, "Synthesizing, Processing and Modeling Botanical Trees", dissertation, University of
+Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
 Konstanz, 2013, sections 6.1.2 to 6.1.4 (parallel transport frames, chains, cubic B-spline refinement,
 generalized cylinders).
 Departs from it in: control points are added near sharp corners, so that the spline stays within a stated
@@ -164,7 +164,7 @@ def branch_mesh(
 
     References
     ----------
-    .. [1] S. Pirk, "Synthesizing, Processing and Modeling Botanical Trees", dissertation, University of
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
        Konstanz, 2013, sections 6.1.2 to 6.1.4.
 
     Examples
