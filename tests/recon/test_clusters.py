@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
-from synthetic import crown, forked_tree
+from synthetic import crown, forked_tree, tube
 
 from recon import Cloud, EncodeSettings, encode_with_report
-from recon.clusters import lumps, separate
+from recon import _tube_kernels as kernels
+from recon.clusters import cluster_points, lumps, separate
 from recon.hulls import mesh_volume
+from recon.skeleton import Skeleton
 
 
 def leafy_tree(rng, **options):
@@ -37,6 +39,8 @@ def test_a_leafy_tree_has_them_around_its_leaves(rng):
         assert cluster.density == pytest.approx(cluster.n_points / volume, rel=1e-6)
         assert len(cluster.faces) <= 80
         assert cluster.seed.size and (cluster.seed < tree.graph.n_nodes).all()
+        to_seed = tree.graph.position[cluster.seed][:, None] - cluster.vertices
+        assert np.linalg.norm(to_seed, axis=2).min() < 1.5
 
 
 def test_f_s_1_makes_no_clusters_of_leaves(rng):
@@ -126,3 +130,39 @@ def test_a_crown_without_wood_gets_a_guessed_stem_and_says_so(rng):
     assert 2 * graph.radius[0] == pytest.approx(height / 80, rel=0.25)
     assert result.report.dbh_m is None
     assert len(result.tree.clusters) > 3
+
+
+@pytest.mark.parametrize("f_s, far", [(1.0, 0.19), (0.5, 0.09)])
+def test_an_edge_is_of_low_confidence_beyond_f_s_times_the_diameter(f_s, far):
+    # two nodes, 0.5 m apart: one power of f_s, so the bound is f_s * 2 * 0.1 m
+    parent, onward = np.array([-1, 0], np.int32), np.array([1, -1], np.int32)
+    position, radius = np.array([[0.0, 0, 0], [0, 0, 0.5]]), np.array([0.1, 0.1])
+    for spread, wanted in ((far, False), (far + 0.02, True)):
+        low = kernels.low_confidence(
+            parent, onward, position, radius, np.array([0.0, spread]), np.array([9, 9]), f_s, 0.5, 0.004, 0.4
+        )
+        assert low.tolist() == [False, wanted]
+
+
+def test_points_on_the_bark_are_no_leaves(rng):
+    position = np.array([[0.0, 0, 0], [0, 0, 1], [0, 0, 2]])
+    bark = tube((0, 0, 0.2), (0, 0, 1.8), 0.12, 0.12, 50, rng)
+    leaves = [0.5, 0, 1.5] + 0.1 * rng.random((30, 3))
+    xyz = np.concatenate([bark, leaves])
+    home = np.repeat([1, 2], [50, 30]).astype(np.int32)
+    tree = Skeleton(
+        np.array([-1, 0, 1], np.int32), position, np.full(3, 0.1), np.full(80, -1, np.int32), home,
+        np.ones(3, bool), np.ones(3), 0.05, 0.01,
+    )  # fmt: skip
+    (found,) = cluster_points(xyz, tree, np.zeros(80, np.int64), 1)
+    assert sorted(found.row.tolist()) == list(range(50, 80)) and found.seed.tolist() == [2]
+
+
+def test_one_ragged_slice_does_not_end_a_bough():
+    parent, onward = np.array([-1, 0, 1, 2], np.int32), np.array([1, 2, 3, -1], np.int32)
+    position, radius = np.array([[0.0, 0, z] for z in (0, 0.1, 0.2, 0.3)]), np.full(4, 0.02)
+    spread = np.array([0.0, 0.1, 0.0, 0.0])
+    chain = (parent, onward, position, radius, spread, np.full(4, 9), 1.0, 0.5)
+    assert kernels.low_confidence(*chain, 0.004, 0.0).tolist() == [False, True, True, True]
+    assert not kernels.low_confidence(*chain, 0.004, 0.4).any()
+    assert kernels.low_confidence(*chain[:3], np.full(4, 0.001), 0 * spread, *chain[5:], 0.004, 0.4)[1:].all()

@@ -3,7 +3,7 @@ import numpy.testing as npt
 import pytest
 
 from recon import _tube_kernels as kernels
-from recon.radii import final_radii
+from recon.radii import SMALLEST_RADIUS, final_radii
 from recon.skeleton import Skeleton
 
 
@@ -44,6 +44,22 @@ def test_points_that_cannot_be_wood_are_not_believed():
     near = straight([0.1, 0.1, 0.05, 0.04], [50, 50, 20, 20], [1, 1, 0, 0])
     assert final_radii(far, 1.5)[0][2] == pytest.approx(0.1 * (2 / 3) ** 1.5)
     assert final_radii(near, 1.5)[0][2] == pytest.approx(0.05 * np.sqrt(20 / 19))
+
+
+def test_wood_is_no_thicker_than_what_it_carries_allows():
+    # at 2/3 of the length the pipe model allows 0.1 * (2/3)^(1/2) = 0.0816
+    for observed, believed in ((0.079, True), (0.083, False)):
+        chain = straight([0.1, 0.1, observed, 0.01], [50, 50, 10_000, 20], [1, 1, 0, 0])
+        wanted = observed if believed else 0.1 * (2 / 3) ** 1.5
+        assert final_radii(chain, 1.5)[0][2] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_a_spread_below_the_spacing_may_be_a_twig_but_not_among_leaves():
+    chain = straight([0.008, 0.008, 0.0075, 0.0075], [50, 50, 10_000, 10_000], [1, 1, 0, 0])
+    chain.position[2:, 2] = [1.9, 2.0]
+    chain.position[1, 2] = 1.8  # spacing 0.01; most by the pipe model: 0.008 * (0.1 / 2)^(1/2) = 0.0018
+    npt.assert_allclose(final_radii(chain, 1.5)[0][2:], 0.0075, rtol=1e-3)
+    npt.assert_allclose(final_radii(chain, 1.5, leafy=True)[0][2:], SMALLEST_RADIUS)
 
 
 def test_a_bulge_is_pooled_not_followed():

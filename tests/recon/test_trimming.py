@@ -5,7 +5,7 @@ from synthetic import forked_tree, tube
 from recon import _tube_kernels as kernels
 from recon.encoding import build_skeleton
 from recon.ordering import morton_order
-from recon.skeleton import chains_of
+from recon.skeleton import Skeleton, chains_of
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
 
 
@@ -64,6 +64,28 @@ def test_budget_is_kept_and_points_are_not_lost_to_wrong_nodes(rng, max_nodes):
     mine = fitted.label >= 0
     assert mine.mean() > 0.9
     assert fitted.label.max() < fitted.n_nodes
+
+
+def test_budget_is_used(rng):
+    skeleton, xyz = skeleton_of(forked_tree(rng))
+    fitted = fit_budget(xyz, skeleton, 1.5, 4000)
+    budget = int(0.7 * fitted.n_nodes)
+    assert 0.8 * budget < fit_budget(xyz, skeleton, 1.5, budget).n_nodes <= budget
+
+
+@pytest.mark.parametrize("n, stays", [(5, False), (40, True)])
+def test_a_long_side_chain_needs_more_points(rng, n, stays):
+    # a trunk of two nodes and a side chain of a metre with n points far outside the trunk
+    position = np.array([[0.0, 0, 0], [0, 0, 1], [0, 0, 5], [0.5, 0, 1], [1.0, 0, 1]])
+    xyz = np.concatenate([position[:3], np.tile(position[4], (n, 1)), position[3:4]])
+    label = np.concatenate([[0, 1, 2], np.full(n, 4), [3]]).astype(np.int32)
+    tree = Skeleton(
+        np.array([-1, 0, 1, 1, 3], np.int32), position, np.full(5, 0.05), label, label,
+        np.ones(5, bool), np.ones(5), 0.02, 0.01,
+    )  # fmt: skip
+    fewer = drop_spurs(xyz, tree)
+    assert fewer.n_nodes == (5 if stays else 3)
+    assert (fewer.label[3:] >= 0).all() == stays
 
 
 def test_a_straight_trunk_needs_few_nodes(rng):

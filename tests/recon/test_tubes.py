@@ -81,13 +81,62 @@ def test_cylinder_has_its_axis_and_radius(rng, direction):
 
 
 def test_half_a_cylinder_has_its_axis_not_that_of_its_points(rng):
-    xyz = tube((0, 0, 0), (0, 0, 3.0), 0.15, 0.15, 8000, rng, arc=0.5, noise=0.002)
+    xyz = tube((0, 0, 0), (0, 0, 3.0), 0.15, 0.04, 8000, rng, arc=0.5, noise=0.002)
     skeleton, _ = skeleton_of(xyz)
     middle = slice(2, -2)
-    assert (
-        off_axis(skeleton, (0, 0, 0), (0, 0, 1))[middle].max() < 0.03
-    )  # the mean of the points is 0.095 off
-    npt.assert_allclose(skeleton.radius[middle], 0.15, rtol=0.1)
+    off = off_axis(skeleton, (0, 0, 0), (0, 0, 1))[middle]
+    assert off.max() < 0.03  # the mean of the points is 0.095 off at the foot
+    npt.assert_allclose(skeleton.radius[middle], 0.15 - 0.11 * skeleton.position[middle, 2] / 3, rtol=0.1)
+
+
+def test_a_quarter_of_a_cylinder_is_not_measured(rng):
+    xyz = tube((0, 0, 0), (0, 0, 3.0), 0.15, 0.04, 8000, rng, arc=0.25, noise=0.002)
+    assert not skeleton_of(xyz)[0].is_tube.any()
+
+
+def test_no_branch_is_thicker_than_the_thickest(rng):
+    xyz = tube((0, 0, 0), (0, 0, 3.0), 0.15, 0.12, 8000, rng, noise=0.002)
+    xyz = xyz[morton_order(xyz)[0]]
+    skeleton = build_skeleton(xyz, np.zeros(3), beta=2.0, thickest=0.08)
+    assert skeleton.radius.max() <= 0.08 and not skeleton.is_tube.any()
+
+
+def refined(xyz, label, parent, position, radius, is_tube):
+    parent, position = np.array(parent, np.int32), np.array(position, float)
+    onward = kernels.continuations(parent, kernels.subtree_length(parent, position))
+    start, point = kernels.group_points(label.astype(np.int32), parent.size)
+    return kernels.refine_tubes(
+        xyz, start, point, parent, onward, position, np.array(radius), np.array(is_tube), position,
+        *(1e-3, 30, 0.1, 0.1),
+    )[:2]  # fmt: skip
+
+
+@pytest.mark.parametrize("is_tube, low, high", [(True, -0.01, 0.01), (False, 0.03, 0.08)])
+def test_tubes_go_around_their_points_and_other_axes_through_them(rng, is_tube, low, high):
+    # the middle of the points is 0.064 from the axis
+    xyz = tube((0, 0, 0), (0, 0, 1.0), 0.1, 0.1, 4000, rng, arc=0.5, noise=0.001)
+    middle = xyz[:, :2].mean(axis=0) / np.linalg.norm(xyz[:, :2].mean(axis=0))
+    start = [[*(0.02 * middle), z] for z in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    label = np.clip(np.round(xyz[:, 2] * 4), 0, 4)
+    position, _ = refined(xyz, label, [-1, 0, 1, 2, 3], start, [0.1] * 5, [is_tube] * 5)
+    across = position[:, :2] @ middle
+    assert low < across.min() and across.max() < high
+
+
+def test_a_side_branch_begins_with_its_own_radius(rng):
+    trunk = tube((0, 0, 0), (0, 0, 2.0), 0.2, 0.2, 8000, rng)
+    side = tube((0.2, 0, 1.0), (0.8, 0, 1.0), 0.03, 0.03, 3000, rng)
+    position = [[0, 0, 0], [0, 0, 1.0], [0, 0, 2.0], [0.4, 0, 1.0], [0.6, 0, 1.0], [0.8, 0, 1.0]]
+    label = np.concatenate([np.round(trunk[:, 2]), np.clip(np.round(side[:, 0] * 5), 2, 4) + 1])
+    _, radius = refined(
+        np.concatenate([trunk, side]),
+        label,
+        [-1, 0, 1, 1, 3, 4],
+        position,
+        [0.2] * 3 + [0.03] * 3,
+        [True] * 6,
+    )
+    npt.assert_allclose(radius, [0.2] * 3 + [0.03] * 3, rtol=0.03)
 
 
 def test_two_halves_that_do_not_touch_are_one_trunk(rng):
