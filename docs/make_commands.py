@@ -83,11 +83,21 @@ FILES = """\
 | `NAME.glb` | its mesh, metres, y up, the foot of the trunk at the origin |
 | `NAME.png` | the scan beside the model |
 | `NAME.cylinders.csv` | `id,parent,x0,y0,z0,x1,y1,z1,r0,r1,order,measured`: metres, the scan's own \
-coordinates; parent -1 at the root; order 0 is the trunk; measured is 1 if the radius was measured, else 0 |
+coordinates; parents come first: the cylinder that this one continues or comes out of, -1 at the root; \
+order 0 is the trunk; measured is 1 if the radius was measured, else 0 |
 | `NAME.json` | its measures and how it was made; written last, so where it is the rest is complete |
 
-NAME is the scan's file name without suffix. Scans of one name get their folder in front (`north-tree`,
-`south-tree`).
+The scan's own coordinates are metres: of a scan in another unit (`--units`) they are its numbers
+converted, and with `--up` they are turned so that z is up. `origin` in the report is in the same
+coordinates.
+
+A folder means the scans in it by their suffix, without sub-folders and hidden files; text files without
+numbers are left out, with a note. NAME is the scan's file name without suffix, cut at 220 bytes. Scans of
+one name get their folder in front (`north-tree`, `south-tree`), or their suffix behind (`tree-laz`,
+`tree-ply`).
+
+If an output is there already nothing is done. `--force` replaces it; after an interruption `--resume`
+goes on with the scans that have no `NAME.json` yet.
 
 `NAME.json`:
 
@@ -103,7 +113,9 @@ JSON_FIELDS = {
     "`kind`: `input`, `internal` or `died`, `message`), `seconds`.",
     "decode": "`input`, `output`, `bytes`.",
     "preview": "`input`, `output`, `renderer`, `width`, `height`, `seed`.",
-    "info": "`input`, `kind` (`tree` or `scan`), and the facts that are printed, `notes` among them.",
+    "info": "`input`, `kind` (`tree` or `scan`), and the facts that are printed, `notes` among them. "
+    "Of a tree they are taken from the file alone, to its precision: `height_m` is that of wood and hulls, "
+    "where the report of `reconstruct` has that of the points.",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
 }
 

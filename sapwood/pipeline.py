@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from inspect import signature
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -110,7 +111,7 @@ def reconstruct(
     settings : EncodeSettings, optional
         How the tree is made, in full; the other arguments take the place of the same in it.
     name : str, optional
-        Name of the outputs; the file's name without suffix if left out.
+        Name of the outputs, without any folder; the file's name without suffix if left out.
     progress : callable, optional
         Called with the name of each stage when it begins.
     **options
@@ -140,6 +141,8 @@ def reconstruct(
     import recon
 
     reading = {key: options.pop(key) for key in READ_OPTIONS if key in options}
+    if name is not None and Path(name).name != name:
+        raise InputError(f"name must be a file name without suffix and folder, got {name!r}.")
     species = _known_species(species)  # a misspelt name is said before a long file is read
     settings = make_settings(settings, f_s=f_s, **options)
     clock = Clock(progress)
@@ -161,7 +164,12 @@ def reconstruct(
         report=report,
         notes=tuple(dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes))),
         seconds=_merged(clock.seconds, report.seconds),
-        settings={"species": species, **asdict(settings), **_used(encoding.tree), "read": reading},
+        settings={
+            "species": species,
+            **asdict(settings),
+            **_used(encoding.tree),
+            "read": _in_force(scan, reading),
+        },
         source=source,
         sha256=sha256,
     )
@@ -251,6 +259,17 @@ def _read(scan: Any, reading: Mapping[str, Any], clock: Clock) -> tuple[Cloud, s
         cloud = recon.as_cloud(scan)
         digest = hashlib.sha256(np.ascontiguousarray(cloud.xyz + cloud.origin).tobytes()).hexdigest()
     return cloud, cloud.source, digest
+
+
+def _in_force(scan: Any, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Every option with which a file was read; none for points."""
+    import recon
+
+    if not isinstance(scan, str | os.PathLike):
+        return {}
+    default = {key: value.default for key, value in signature(recon.read_cloud).parameters.items()}
+    given = {key: value for key, value in reading.items() if value is not None}
+    return {key: given.get(key, default[key]) for key in READ_OPTIONS}
 
 
 def _hash_file(path: str) -> str:

@@ -74,6 +74,7 @@ def test_options_reach_the_encoder(scans):
         ({"species": "oka"}, "species must be one of"),
         ({"f_s": 1.5}, "f_s must be"),
         ({"max_nodse": 5}, "there is no option 'max_nodse'; the options are base, beta"),
+        ({"name": "../oak"}, "name must be a file name without suffix and folder, got '../oak'"),
     ],
 )
 def test_bad_options_are_said_before_the_scan_is_read(options, match):
@@ -117,6 +118,45 @@ def test_lobes_and_table_hold_the_tree(bare, tmp_path):
     rows = np.genfromtxt(tmp_path / "bare.cylinders.csv", delimiter=",", names=True)
     assert rows["id"].tolist() == bare.cylinders["id"].tolist()
     np.testing.assert_allclose(rows["x1"], bare.cylinders["x1"], atol=1e-4)
+
+
+def test_files_agree_with_each_other(scans, tmp_path):
+    """What a forester adds up from the table is what the report says, and the report is of these files."""
+    sapwood.reconstruct(scans / "leafy.xyz").save(tmp_path, preview=False)
+    report = json.loads((tmp_path / "leafy.json").read_text())
+    rows = np.genfromtxt(tmp_path / "leafy.cylinders.csv", delimiter=",", names=True)
+    start, end = (np.stack([rows[f"{axis}{k}"] for axis in "xyz"], axis=1) for k in (0, 1))
+    length, r0, r1 = np.linalg.norm(end - start, axis=1), rows["r0"], rows["r1"]
+    volume = (np.pi * length * (r0**2 + r0 * r1 + r1**2) / 3).sum()
+    assert report["wood_volume_m3"] == pytest.approx(volume, rel=1e-3)
+    assert report["total_length_m"] == pytest.approx(length.sum(), rel=1e-4)
+    assert report["bytes"] == (tmp_path / "leafy.lobes").stat().st_size
+    assert report["sha256"] == hashlib.sha256((scans / "leafy.xyz").read_bytes()).hexdigest()
+    assert report["n_clusters"] == len(sapwood.read_lobes(tmp_path / "leafy.lobes").clusters)
+    assert (rows["parent"] < rows["id"]).all()
+    assert rows["parent"].tolist().count(-1) == 1
+    assert set(rows["measured"]) <= {0, 1}
+    assert rows["order"][0] == 0
+
+
+def test_other_units_and_axes_become_metres_with_z_up(scans, tmp_path):
+    """In the frame of the scan's own numbers, converted and turned."""
+    points = tree_points(leaves=False, foot=(1000.0, 2000.0, 300.0))
+    feet = sapwood.reconstruct(write_xyz(tmp_path / "feet.xyz", points / 0.3048), units="ft")
+    lying = points[:, [0, 2, 1]] * [1, 1, -1]  # y is up
+    turned = sapwood.reconstruct(write_xyz(tmp_path / "lying.xyz", lying), up="y")
+    for made, foot in ((feet, (1000, 2000, 300)), (turned, (-1000, -2000, 300))):
+        assert made.measures["height_m"] == pytest.approx(np.ptp(points[:, 2]), abs=0.1)
+        assert made.measures["dbh_m"] == pytest.approx(0.27, abs=0.01)
+        np.testing.assert_allclose(made.tree.origin, foot, atol=0.05)
+        np.testing.assert_allclose([made.cylinders[0][f"{axis}0"] for axis in "xyz"], foot, atol=0.1)
+
+
+def test_every_option_of_reading_is_in_the_settings(scans, bare):
+    default = {"max_points": 20_000_000, "as_points": False, "decimal": None}
+    assert bare.settings["read"] == default
+    assert sapwood.reconstruct(scans / "bare.xyz", decimal=".").settings["read"] == default | {"decimal": "."}
+    assert sapwood.reconstruct(np.loadtxt(scans / "bare.xyz")).settings["read"] == {}
 
 
 def test_glb_stands_where_its_extras_say(scans, tmp_path):
