@@ -212,6 +212,13 @@ def test_local_links_lead_somewhere():
     assert not broken, "\n".join(broken)
 
 
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert [page.name for page in (ROOT / "docs").glob("*.md") if f"]({page.name})" not in index] == [
+        "index.md"
+    ]
+
+
 # ---------------------------------------------------------------- samples
 
 
