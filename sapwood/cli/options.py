@@ -165,3 +165,42 @@ AsPoints = Annotated[bool, option(SCAN, "--as-points", help="Read the vertices o
 DecimalOption = Annotated[
     Decimal | None, option(SCAN, "--decimal", help="Decimal mark of a text file. (default: found)")
 ]
+
+Folder = Annotated[
+    Path,
+    option(OUTPUT, "--output", "-o", metavar="DIR", help="Where the files go.", show_default=False),
+]
+NoPreview = Annotated[bool, option(OUTPUT, "--no-preview", help="Do not draw NAME.png.")]
+Turntable = Annotated[bool, option(OUTPUT, "--turntable", help="Draw NAME.gif, the tree from all sides.")]
+Resume = Annotated[
+    bool, option(OUTPUT, "--resume", help="Leave out scans that are done: their NAME.json is there.")
+]
+Jobs = Annotated[int, option(RUN, "--jobs", "-j", metavar="N", min=1, help="Scans done side by side.")]
+
+Picture = Annotated[
+    Path,
+    option(
+        OUTPUT,
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="Ends in .png or .jpg; with --turntable in .gif.",
+        show_default=False,
+    ),
+]
+Beside = Annotated[
+    Path | None, option(OUTPUT, "--scan", metavar="SCAN", help="Draw this scan beside X.lobes.")
+]
+Turning = Annotated[bool, option(OUTPUT, "--turntable", help="Draw the tree from all sides.")]
+Frames = Annotated[int, option(OUTPUT, "--frames", metavar="N", min=1, max=720, help="Pictures in a turn.")]
+Size = Annotated[str | None, option(OUTPUT, "--size", metavar="WxH", help="In pixels. (default: 1024 high)")]
+Azimuth = Annotated[
+    float | None,
+    option(
+        OUTPUT,
+        "--azimuth",
+        metavar="DEG",
+        help="Where the camera stands, from +x towards +y. (default: before the broad side)",
+    ),
+]
+RendererOption = Annotated[Renderer, option(OUTPUT, "--renderer", help="What draws.")]

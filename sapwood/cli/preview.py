@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from sapwood.cli import options as o
 from sapwood.cli.terminal import Terminal
@@ -15,42 +15,13 @@ if TYPE_CHECKING:
 
 def preview(
     source: o.LobesOrScan,
-    output: Annotated[
-        Path,
-        o.option(
-            o.OUTPUT,
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="Ends in .png or .jpg; with --turntable in .gif.",
-            show_default=False,
-        ),
-    ],
-    scan: Annotated[
-        Path | None,
-        o.option(o.OUTPUT, "--scan", metavar="SCAN", help="Draw this scan beside X.lobes."),
-    ] = None,
-    turntable: Annotated[
-        bool, o.option(o.OUTPUT, "--turntable", help="Draw the tree from all sides.")
-    ] = False,
-    frames: Annotated[
-        int,
-        o.option(o.OUTPUT, "--frames", metavar="N", min=1, max=720, help="Pictures in a turn."),
-    ] = 36,
-    size: Annotated[
-        str | None,
-        o.option(o.OUTPUT, "--size", metavar="WxH", help="In pixels. (default: 1024 high)"),
-    ] = None,
-    azimuth_deg: Annotated[
-        float | None,
-        o.option(
-            o.OUTPUT,
-            "--azimuth",
-            metavar="DEG",
-            help="Where the camera stands, from +x towards +y. (default: before the broad side)",
-        ),
-    ] = None,
-    renderer: Annotated[o.Renderer, o.option(o.OUTPUT, "--renderer", help="What draws.")] = o.Renderer.auto,
+    output: o.Picture,
+    scan: o.Beside = None,
+    turntable: o.Turning = False,
+    frames: o.Frames = 36,
+    size: o.Size = None,
+    azimuth_deg: o.Azimuth = None,
+    renderer: o.RendererOption = o.Renderer.auto,
     force: o.Force = False,
     seed: o.Seed = 0,
     as_json: o.Json = False,

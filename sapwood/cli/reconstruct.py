@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from sapwood.cli import options as o
 from sapwood.cli.terminal import Progress, Terminal
@@ -22,10 +22,7 @@ REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and 
 
 def reconstruct(
     scans: o.Scans,
-    output: Annotated[
-        Path,
-        o.option(o.OUTPUT, "--output", "-o", metavar="DIR", help="Where the files go.", show_default=False),
-    ],
+    output: o.Folder,
     species: o.Species = None,
     f_s: o.FS = None,
     beta: o.Beta = None,
@@ -40,20 +37,11 @@ def reconstruct(
     max_points: o.MaxPoints = None,
     as_points: o.AsPoints = False,
     decimal: o.DecimalOption = None,
-    no_preview: Annotated[bool, o.option(o.OUTPUT, "--no-preview", help="Do not draw NAME.png.")] = False,
-    turntable: Annotated[
-        bool,
-        o.option(o.OUTPUT, "--turntable", help="Draw NAME.gif, the tree from all sides."),
-    ] = False,
+    no_preview: o.NoPreview = False,
+    turntable: o.Turntable = False,
     force: o.Force = False,
-    resume: Annotated[
-        bool,
-        o.option(o.OUTPUT, "--resume", help="Leave out scans that are done: their NAME.json is there."),
-    ] = False,
-    jobs: Annotated[
-        int,
-        o.option(o.RUN, "--jobs", "-j", metavar="N", min=1, help="Scans done side by side."),
-    ] = 1,
+    resume: o.Resume = False,
+    jobs: o.Jobs = 1,
     seed: o.Seed = 0,
     as_json: o.Json = False,
     quiet: o.Quiet = False,
