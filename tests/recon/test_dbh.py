@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic import tube
 
-from recon import EncodeSettings, encode_with_report
+from recon import EncodeSettings, encode_with_report, encoding
 from recon.dbh import BreastHeight, breast_height, hold_breast_height
 from recon.skeleton import Skeleton
 
@@ -43,6 +43,16 @@ def test_a_gap_at_breast_height_is_said(rng):
     assert got.dbh_method == "tube"
     assert got.dbh_m == pytest.approx(0.24, rel=0.05)
     assert got.dbh_reason == "only 0 points on the trunk between 1.2 and 1.4 m"
+
+
+@pytest.mark.parametrize("diameter", [0.20, 0.40])
+def test_the_trunk_agrees_with_the_circle(rng, monkeypatch, diameter):
+    found = BreastHeight(diameter, "circle", None, 1.0)
+    monkeypatch.setattr(encoding, "breast_height", lambda *of: found)
+    xyz = tube((0, 0, 0), (0, 0, 3), 0.16, 0.13, 8000, rng, noise=0.003)
+    graph = encode_with_report(xyz, settings=EncodeSettings(f_s=1.0)).tree.graph
+    low = graph.position[:, 2] < 1.3
+    assert graph.radius[low].min() >= diameter / 2 >= graph.radius[~low].max()
 
 
 def test_a_low_shrub_has_none(rng):

@@ -88,6 +88,9 @@ def test_ground_goes_and_the_trunk_stays(rng, slope, half):
     is_tree = got.index < len(tree)
     assert (~is_tree).mean() < 0.01
     assert is_tree.sum() > 0.97 * len(tree)
+    assert (got.cloud.xyz + got.cloud.origin)[
+        is_tree, 2
+    ].min() < 0.02  # the trunk keeps its points down to the ground
     assert got.ground_z == pytest.approx(0, abs=0.03)
     npt.assert_allclose(got.cloud.origin, 0, atol=0.05 + 0.2 * slope)
     assert "points are ground" in got.notes[-1]

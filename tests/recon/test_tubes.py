@@ -190,3 +190,22 @@ def test_merging_and_reordering_keep_points_and_parents(rng):
     assert there == {
         tuple(p) for p in np.hstack([kept.position[child], kept.position[kept.parent[child]]]).tolist()
     }
+
+
+def test_a_circle_unlike_its_neighbours_is_not_believed():
+    radius = np.array([0.10, 0.11, 0.30, 0.10, 0.09, 0.02, 0.10, 0.09])
+    onward = np.array([1, 2, 3, 4, 5, 6, 7, -1], np.int32)
+    believed = kernels.believable_circles(np.array([0]), onward, radius, np.ones(8, bool), 4, 0.3)
+    assert believed.tolist() == [True, True, False, True, True, False, True, True]
+
+
+@pytest.mark.parametrize("reach, bridged", [(10.0, True), (3.0, False)])
+def test_centres_between_two_near_circles_are_in_line(reach, bridged):
+    position = np.array([[0.0, 0, 0], [0.05, 0, 0.1], [0.05, 0, 0.3], [0, 0, 0.4], [0.05, 0, 0.5]])
+    accepted = np.array([True, False, False, True, False])
+    onward = np.array([1, 2, 3, 4, -1], np.int32)
+    got = kernels.bridge_centres(
+        np.array([0]), onward, position, position.copy(), accepted, np.full(5, 0.1), reach
+    )
+    npt.assert_allclose(got[[1, 2], 0], 0.0 if bridged else 0.05, atol=1e-12)
+    npt.assert_array_equal(got[[0, 3, 4]], position[[0, 3, 4]])
