@@ -122,7 +122,7 @@ def test_lobes_and_table_hold_the_tree(bare, tmp_path):
 
 def test_files_agree_with_each_other(scans, tmp_path):
     """What a forester adds up from the table is what the report says, and the report is of these files."""
-    sapwood.reconstruct(scans / "leafy.xyz").save(tmp_path, preview=False)
+    sapwood.reconstruct(scans / "leafy.xyz", base=(0.012, 0.034, 0.05)).save(tmp_path, preview=False)
     report = json.loads((tmp_path / "leafy.json").read_text())
     rows = np.genfromtxt(tmp_path / "leafy.cylinders.csv", delimiter=",", names=True)
     start, end = (np.stack([rows[f"{axis}{k}"] for axis in "xyz"], axis=1) for k in (0, 1))
@@ -132,6 +132,9 @@ def test_files_agree_with_each_other(scans, tmp_path):
     assert report["total_length_m"] == pytest.approx(length.sum(), rel=1e-4)
     assert report["bytes"] == (tmp_path / "leafy.lobes").stat().st_size
     assert report["sha256"] == hashlib.sha256((scans / "leafy.xyz").read_bytes()).hexdigest()
+    np.testing.assert_allclose(
+        report["origin"], sapwood.read_lobes(tmp_path / "leafy.lobes").origin, atol=1e-3
+    )
     assert report["n_clusters"] == len(sapwood.read_lobes(tmp_path / "leafy.lobes").clusters)
     assert (rows["parent"] < rows["id"]).all()
     assert rows["parent"].tolist().count(-1) == 1
@@ -313,6 +316,18 @@ def test_crown_base_is_the_lowest_branch_of_some_length(reach, base):
     assert crown_base(cross(4.0, reach)) == base
 
 
+def test_crown_base_is_where_a_hanging_branch_leaves_the_trunk():
+    position = [[0, 0, 0], [0, 0, 4], [0, 0, 10], [1, 0, 4], [2, 0, 2], [3, 0, 1]]
+    graph = TreeGraph([-1, 0, 1, 1, 3, 4], position, [0.2, 0.2, 0.1, 0.02, 0.02, 0.02])
+    tree = ClusterTree(graph, (), None, Allometry(1.5, 1.5, 1.0), (0, 0, 0))
+    assert crown_base(tree) == 4.0
+
+
+@pytest.mark.parametrize("low, base", [(19, 5.0), (21, 0.5)])
+def test_two_in_a_hundred_leaf_points_make_a_crown(low, base):
+    assert crown_base(cross(4.0, 3.0, clusters=[tuft(5.0, 1000 - low), tuft(0.5, low)])) == base
+
+
 def test_crown_base_is_where_the_leaves_begin():
     tree = cross(4.0, 3.0, clusters=[tuft(6.0, 500), tuft(5.0, 500), tuft(0.5, 5)])
     assert crown_base(tree) == 5.0  # the five points at the foot are no crown
@@ -338,3 +353,7 @@ def test_measures_of_a_known_tree():
     trunk = math.pi * 0.2**2 * 4 + math.pi * 6 / 3 * (0.2**2 + 0.2 * 0.1 + 0.1**2)
     assert m.wood_volume_m3 == pytest.approx(trunk + branch, rel=0.05)
     assert measure(tree, table, np.empty((0, 3))).height_m == 10.0
+    assert m.crown_base_m == 4.0
+    grass = np.array([[50, 0, 0.2], [-50, 0, 3.9]])  # below the crown
+    wide = measure(tree, table, np.concatenate([points, grass]))
+    assert wide.crown_width_m == m.crown_width_m == pytest.approx(2 / math.pi * 4, rel=1e-2)

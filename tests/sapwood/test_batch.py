@@ -7,7 +7,7 @@ import time
 import pytest
 from sapwood_scans import spawn
 
-from sapwood.batch import DIED, DONE, INPUT, Job, Outcome, run_batch, run_job
+from sapwood.batch import DIED, DONE, INPUT, INTERNAL, Job, Outcome, run_batch, run_job
 
 
 def job(name, **options):
@@ -75,6 +75,51 @@ def test_a_full_disk_is_not_our_fault(monkeypatch, tmp_path, scans):
     monkeypatch.setattr(sapwood.saving, "save", full)
     outcome = run_job(Job(str(scans / "bare.xyz"), "bare", str(tmp_path), str(tmp_path)))
     assert (outcome.kind, outcome.message) == (INPUT, "out/.part: No space left on device.")
+
+
+def test_memory_that_runs_out_is_one_line(monkeypatch, tmp_path, scans):
+    import sapwood.saving
+
+    def greedy(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr(sapwood.saving, "save", greedy)
+    outcome = run_job(Job(str(scans / "bare.xyz"), "bare", str(tmp_path), str(tmp_path)))
+    advice = "memory ran out; thin the scan with --max-points, or use fewer --jobs."
+    assert (outcome.kind, outcome.message) == (INPUT, f"{scans / 'bare.xyz'}: {advice}")
+
+
+@pytest.mark.parametrize(
+    "kinds, code",
+    [
+        ([], 0),
+        ([DONE, DONE], 0),
+        ([DONE, INPUT], 3),
+        ([DONE, INTERNAL], 3),
+        ([INPUT, INPUT], 2),
+        ([INPUT, INTERNAL], 1),
+        ([INPUT, DIED], 1),
+        ([DIED], 1),
+    ],
+)
+def test_exit_codes(kinds, code):
+    from sapwood.cli.reconstruct import _exit_code
+
+    outcomes = [Outcome(job(str(k)), kind) for k, kind in enumerate(kinds)]
+    assert _exit_code(outcomes, [outcome for outcome in outcomes if outcome.kind != DONE]) == code
+
+
+def test_results_come_in_the_order_of_the_scans(monkeypatch, run, scans):
+    import sapwood.batch
+
+    def backwards(jobs, n_workers):
+        yield from (run_job(work) for work in reversed(jobs))
+
+    monkeypatch.setattr(sapwood.batch, "run_batch", backwards)
+    arguments = [scans / "bare.xyz", "missing.laz", scans / "leafy.xyz", "gone.laz"]
+    done = run("reconstruct", *arguments, "-o", "out", "--no-preview")
+    assert [line.split(":")[0] for line in done.out.splitlines()] == ["bare", "leafy"]
+    assert [line.split(":")[1] for line in done.err.splitlines()[-2:]] == [" missing.laz", " gone.laz"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -326,6 +326,28 @@ def test_preview_with_the_scan_beside(run, lobes, scans, tmp_path):
     assert (tmp_path / "a.png").exists()
 
 
+def test_preview_puts_the_scan_where_the_tree_is(run, scans, monkeypatch):
+    """Both in the tree's frame, and the camera's angle in radians."""
+    import render
+
+    seen = {}
+    draw = render.preview
+
+    def spy(tree, path, **look):
+        seen.update(look)
+        return draw(tree, path, **look)
+
+    run("reconstruct", scans / "mapped.las", "-o", ".", "--no-preview")
+    monkeypatch.setattr(render, "preview", spy, raising=False)
+    small = ["--size", "60x40", "--renderer", "software", "--azimuth", "30"]
+    done = run("sapwood", "preview", "mapped.lobes", "-o", "a.png", "--scan", scans / "mapped.las", *small)
+    assert done.code == 0, done.err
+    assert seen["azimuth"] == pytest.approx(np.pi / 6)
+    xyz, _ = seen["scan"]
+    np.testing.assert_allclose(xyz.min(axis=0)[2], 0, atol=0.1)
+    np.testing.assert_allclose(np.median(xyz, axis=0)[:2], 0, atol=0.3)
+
+
 def test_preview_turntable(run, lobes, tmp_path):
     arguments = ["--turntable", "--frames", "3", "--size", "60x80", "--renderer", "software"]
     done = run("sapwood", "preview", lobes, "-o", "x.gif", *arguments)
@@ -380,6 +402,14 @@ def test_info_of_a_scan(run, scans):
     assert said["n_points"] == len(points)
     np.testing.assert_allclose(said["low"], points.min(axis=0), atol=2e-3)
     np.testing.assert_allclose(said["high"], points.max(axis=0), atol=2e-3)
+
+
+def test_info_of_a_scan_with_holes(run, tmp_path):
+    points = tree_points(leaves=False)
+    points[7:10] = np.nan
+    said = run("sapwood", "info", write_xyz(tmp_path / "holes.xyz", points), "--json").json
+    assert (said["n_points"], said["n_points_used"]) == (len(points), len(points) - 3)
+    assert said["notes"]
 
 
 def test_info_of_nothing(run):

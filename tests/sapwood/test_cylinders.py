@@ -79,6 +79,22 @@ def test_what_grows_from_a_hidden_segment_is_cut_at_the_same_surface():
     assert twig["order"] == 2
 
 
+def test_a_twig_comes_out_where_the_hidden_branch_has_led():
+    """The branch runs 10 m up inside the trunk; its twig is cut at the trunk's surface up there."""
+    trunk = [[0, 0, z] for z in range(21)]
+    hidden = [[0.05, 0, 12]]
+    rest = [[4, 0, 12.5], [0.05, 5, 12.5]]  # the branch goes on along x, a thinner twig along y
+    parent = [-1, *range(20), 2, 21, 21]
+    tree = TreeGraph(parent, trunk + hidden + rest, [0.3] * 21 + [0.05, 0.05, 0.01])
+    table = cylinder_table(tree)
+    side = table[table["order"] > 0]
+    assert side.size == 2
+    for row in side:
+        npt.assert_allclose(np.hypot(row["x0"], row["y0"]), 0.3, atol=1e-9)
+        assert table[row["parent"]]["z0"] == 12
+        assert table[row["parent"]]["order"] == 0
+
+
 def test_a_branch_wholly_inside_vanishes():
     tree = trunk_and([[0.05, 0, 2.1], [0.1, 0, 2.2]])
     assert cylinder_table(tree).size == 4

@@ -41,6 +41,22 @@ def test_a_scan_named_twice_is_taken_once(plots, monkeypatch):
     assert [p.as_posix() for p in found] == ["a/tree.laz", "b/tree.laz"]
 
 
+def test_a_scan_behind_two_links_is_taken_once(plots):
+    (plots / "b" / "again.laz").symlink_to(plots / "b" / "tree.laz")
+    assert [p.name for p in find_scans([str(plots / "b")])] == ["again.laz"]
+
+
+def test_an_empty_text_file_of_a_folder_fails_rather_than_being_passed_over(tmp_path):
+    """It was to be a scan; a letter was not."""
+    (tmp_path / "empty.xyz").write_text("")
+    (tmp_path / "letter.txt").write_text("Dear forester,\nthis is no scan.\n")
+    (tmp_path / "scan.csv").write_text("x;y;z\n1,5;2,5;3,5\n")
+    (tmp_path / "oak.cylinders.csv").write_text("1,2,3\n")
+    skipped = []
+    assert [p.name for p in find_scans([str(tmp_path)], skipped)] == ["empty.xyz", "scan.csv"]
+    assert [p.name for p in skipped] == ["letter.txt", "oak.cylinders.csv"]
+
+
 def test_a_file_is_taken_whatever_it_is_called(plots):
     """The reader tells the kind by content; a file that is not there is that scan's own failure."""
     names = [str(plots / "a" / "notes.md"), str(plots / "missing.laz")]
