@@ -111,19 +111,37 @@ def _circle(
     where = f"between {BREAST_HEIGHT - HALF_SLICE:.1f} and {BREAST_HEIGHT + HALF_SLICE:.1f} m"
     if x.size < MIN_POINTS:
         return None, f"only {x.size} points on the trunk {where}", 0.0
+    best = None
+    for guess in ((0.0, 0.0, radius), tubes.circle_through(x, y, np.ones(x.size))):
+        if not np.isfinite(guess).all():
+            continue
+        judged = _judged(x, y, guess, radius, where)
+        if best is None or (best[0] is None and judged[0] is not None):
+            best = judged
+    return best
+
+
+def _judged(
+    x: np.ndarray, y: np.ndarray, guess: tuple[float, float, float], radius: float, where: str
+) -> tuple[tuple[float, float] | None, str | None, float]:
+    """The circle that a first guess leads to, as :func:`_circle` gives it."""
+    from recon import _tube_kernels as tubes
+
     weight = np.ones(x.size)
-    cx, cy, r, scatter = tubes.refine_circle(x, y, 0.0, 0.0, radius, weight, CIRCLE_ROUNDS)
+    cx, cy, r, scatter = tubes.refine_circle(x, y, *guess, weight, CIRCLE_ROUNDS)
     arc = float(tubes.arc_covered(x, y, cx, cy, weight))
+    reason = None
     if np.hypot(cx, cy) > MAX_SHIFT * radius or not 1 / MAX_RATIO < r / radius < MAX_RATIO:
-        return None, f"the points {where} show no circle around the trunk", scatter / r
-    if arc < MIN_ARC:
-        return None, f"points {where} on only {100 * arc:.0f}% of the trunk's round", scatter / r
-    if scatter > MAX_SCATTER * r:
-        return None, f"the points {where} scatter by {100 * scatter / r:.0f}% of the radius", scatter / r
-    inside = np.mean(np.hypot(x - cx, y - cy) < INSIDE * r)
-    if inside > MAX_INSIDE:
-        return None, f"{100 * inside:.0f}% of the points {where} lie inside the trunk", scatter / r
-    return (float(r), arc), None, scatter / r
+        reason = f"the points {where} show no circle around the trunk"
+    elif arc < MIN_ARC:
+        reason = f"points {where} on only {100 * arc:.0f}% of the trunk's round"
+    elif scatter > MAX_SCATTER * r:
+        reason = f"the points {where} scatter by {100 * scatter / r:.0f}% of the radius"
+    else:
+        inside = np.mean(np.hypot(x - cx, y - cy) < INSIDE * r)
+        if inside > MAX_INSIDE:
+            reason = f"{100 * inside:.0f}% of the points {where} lie inside the trunk"
+    return (None if reason else (float(r), arc)), reason, float(scatter / r)
 
 
 def hold_breast_height(skeleton: Skeleton, radius: np.ndarray, found: BreastHeight) -> np.ndarray:
