@@ -111,14 +111,12 @@ def _circle(
     where = f"between {BREAST_HEIGHT - HALF_SLICE:.1f} and {BREAST_HEIGHT + HALF_SLICE:.1f} m"
     if x.size < MIN_POINTS:
         return None, f"only {x.size} points on the trunk {where}", 0.0
-    best = None
-    for guess in ((0.0, 0.0, radius), tubes.circle_through(x, y, np.ones(x.size))):
-        if not np.isfinite(guess).all():
-            continue
-        judged = _judged(x, y, guess, radius, where)
-        if best is None or (best[0] is None and judged[0] is not None):
-            best = judged
-    return best
+    from_tube = _judged(x, y, (0.0, 0.0, radius), radius, where)
+    through = tubes.circle_through(x, y, np.ones(x.size))
+    if from_tube[0] is not None or not np.isfinite(through).all():
+        return from_tube
+    from_points = _judged(x, y, through, radius, where)
+    return from_tube if from_points[0] is None else from_points
 
 
 def _judged(
