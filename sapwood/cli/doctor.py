@@ -28,7 +28,7 @@ OPTIONAL = {
 LOW_DISK = 1_000_000_000
 """Bytes below which a disk counts as full: kernels and outputs need about a tenth of it."""
 
-FIX_GL = "apt-get install libegl1 libgl1 libopengl0 libosmesa6 (pictures are drawn without it, a little slower)"
+FIX_GL = "apt-get install libegl1 libgl1 libopengl0 libosmesa6 (pictures are drawn without, a little slower)"
 
 
 @dataclass(frozen=True)
