@@ -11,9 +11,12 @@ import numpy as np
 from numba import njit
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)  # 1/0 is inf, as in NumPy; no fastmath
+_jit_fused = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})  # a * b + c in one step
 
 BLOCK = 64  # leaf spheres that are projected together
+ROW = BLOCK + 16  # of projected caps: behind the block there is one that shades nothing
 LEAF_ROWS = 5  # x, y, z, radius, gamma
+LANES = 16  # float32 numbers in a cache line: ranges of cells begin and end at multiples of this
 SUBCELLS = 4  # directions per cell at which obstacles are tested
 DARK = np.float32(1e-30)  # less is 0: arithmetic with denormal numbers is many times slower
 HEIGHT_BINS = 256  # table from the height of a direction to its ring
@@ -39,21 +42,34 @@ def _cell_range(up, cos_width, sin_width, cell_first, cell_last):
     return cell_first[int(high * HEIGHT_BINS)], cell_last[int(low * HEIGHT_BINS)]
 
 
-@_jit
-def _shade_cap(trans, wx, wy, wz, first, last, ax, ay, az, offset, top):
-    """Multiply cells by 1 - clamp(a . w - offset, 0, top)."""
+@_jit_fused
+def _shade_two_caps(trans, wx, wy, wz, first, last, cap, j, k):
+    """Multiply cells by 1 - clamp(a . w - offset, 0, top) of two caps: half the loops, loads and stores."""
     zero = np.float32(0.0)
+    ax = cap[j]
+    ay = cap[j + np.uint64(ROW)]
+    az = cap[j + np.uint64(2 * ROW)]
+    a_offset = cap[j + np.uint64(3 * ROW)]
+    a_top = cap[j + np.uint64(4 * ROW)]
+    bx = cap[k]
+    by = cap[k + np.uint64(ROW)]
+    bz = cap[k + np.uint64(2 * ROW)]
+    b_offset = cap[k + np.uint64(3 * ROW)]
+    b_top = cap[k + np.uint64(4 * ROW)]
     for i in range(np.uint64(first), np.uint64(last)):  # unsigned: no wrap-around, so it is vectorised
-        f = ax * wx[i] + ay * wy[i] + az * wz[i] - offset
+        f = ax * wx[i] + ay * wy[i] + az * wz[i] - a_offset
         f = f if f > zero else zero
-        f = f if f < top else top
+        f = f if f < a_top else a_top
+        g = bx * wx[i] + by * wy[i] + bz * wz[i] - b_offset
+        g = g if g > zero else zero
+        g = g if g < b_top else b_top
         t = trans[i] - trans[i] * f
-        trans[i] = t if t > DARK else zero
+        trans[i] = t - t * g
 
 
-@_jit
+@_jit_fused
 def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
-    """What each of BLOCK leaf spheres is in the sky: ``cap`` holds rows of a (3), offset, top, and two heights.
+    """What each of BLOCK leaf spheres is in the sky: ``cap`` has rows of a (3), offset, top, and two heights.
 
     The blurred coverage of a sphere of angular radius alpha is a ramp in the cosine from the axis, from 0 at
     c_out to 1 at c_in with c_in + c_out = 2 cos(alpha), so that its integral is the solid angle of the sphere.
@@ -96,44 +112,38 @@ def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
         low = low if low > zero else zero
         low = zero if -up >= c_out else low
         cap[j] = x * scaled
-        cap[j + np.uint64(BLOCK)] = y * scaled
-        cap[j + np.uint64(2 * BLOCK)] = z * scaled
-        cap[j + np.uint64(3 * BLOCK)] = c_out * slope
-        cap[j + np.uint64(4 * BLOCK)] = -one if inside else top
-        cap[j + np.uint64(5 * BLOCK)] = bins if high < zero else high * bins
-        cap[j + np.uint64(6 * BLOCK)] = bins + one if high < zero else low * bins
+        cap[j + np.uint64(ROW)] = y * scaled
+        cap[j + np.uint64(2 * ROW)] = z * scaled
+        cap[j + np.uint64(3 * ROW)] = c_out * slope
+        cap[j + np.uint64(4 * ROW)] = -one if inside else top
+        cap[j + np.uint64(5 * ROW)] = -one if high < zero or inside else high * bins
+        cap[j + np.uint64(6 * ROW)] = low * bins
 
 
 @_jit
-def _shade_leaves(px, py, pz, n_leaves, leaves, own, sin_blur, cos_tent, cap, grid, trans):
+def _shade_leaves(px, py, pz, n_leaves, leaves, own, sin_blur, cos_tent, cap, above, grid, trans):
     """All leaf spheres on one point; returns the factor of those around it, which dim the whole sky."""
     wx, wy, wz, cell_first, cell_last = grid
     around = 1.0
     for first_leaf in range(0, n_leaves, BLOCK):
         block = first_leaf // BLOCK
         _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap)
+        n_above = 0
         for j in range(np.uint64(min(BLOCK, n_leaves - first_leaf))):
-            top = cap[j + np.uint64(4 * BLOCK)]
-            if top < 0.0:
-                if j != np.uint64(own - first_leaf):
-                    around *= leaves[np.uint64((block * LEAF_ROWS + 4) * BLOCK) + j]
-                continue
-            first = cell_first[np.uint64(cap[j + np.uint64(5 * BLOCK)])]
-            last = cell_last[np.uint64(cap[j + np.uint64(6 * BLOCK)])]
-            if first < last and j != np.uint64(own - first_leaf):
-                _shade_cap(
-                    trans,
-                    wx,
-                    wy,
-                    wz,
-                    first,
-                    last,
-                    cap[j],
-                    cap[j + np.uint64(BLOCK)],
-                    cap[j + np.uint64(2 * BLOCK)],
-                    cap[j + np.uint64(3 * BLOCK)],
-                    top,
-                )
+            above[np.uint64(n_above)] = j  # overwritten by the next one if it does not count
+            other = j != np.uint64(own - first_leaf)
+            if cap[j + np.uint64(4 * ROW)] < 0.0 and other:
+                around *= leaves[np.uint64((block * LEAF_ROWS + 4) * BLOCK) + j]
+            n_above += np.int64(cap[j + np.uint64(5 * ROW)] >= 0.0 and other)
+        above[np.uint64(n_above)] = BLOCK  # the empty cap behind the block makes the last pair
+        for m in range(0, n_above, 2):
+            j = np.uint64(above[np.uint64(m)])
+            k = np.uint64(above[np.uint64(m + 1)])
+            high = max(cap[j + np.uint64(5 * ROW)], cap[k + np.uint64(5 * ROW)])
+            low = min(cap[j + np.uint64(6 * ROW)], cap[k + np.uint64(6 * ROW)])
+            _shade_two_caps(trans, wx, wy, wz, cell_first[np.uint64(high)], cell_last[np.uint64(low)], cap, j, k)
+        for i in range(np.uint64(trans.size)):
+            trans[i] = trans[i] if trans[i] > DARK else np.float32(0.0)
     return around
 
 
@@ -157,7 +167,7 @@ def _nearest_gap(x, y, z, ex, ey, ez, r, dr):
     return math.sqrt(gx * gx + gy * gy + gz * gz) - r - s * dr
 
 
-@_jit
+@_jit_fused
 def _shade_cone(trans, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join0, join1, blur):
     """Multiply cells by 1 - the blurred coverage of one branch. All lengths in one unit, float32.
 
@@ -275,7 +285,7 @@ def _shade_plane(trans, wx, wy, wz, nx, ny, nz, gamma):
         trans[i] *= gamma if nx * wx[i] + ny * wy[i] + nz * wz[i] < np.float32(0.0) else one
 
 
-@_jit
+@_jit_fused
 def _shade_box(trans, wx, wy, wz, box, px, py, pz):
     """Slab test of one box (centre 3, rows of its frame 9, half sizes 3, gamma) in every direction."""
     zero = np.float32(0.0)
@@ -355,7 +365,7 @@ def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, trans):
 
 
 @_jit
-def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine, weight, blur, tent, amount, vector):
+def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine, weight, trans, blur, tent, amount, vector):
     """Fill ``amount`` (n,) and ``vector`` (n, 3) with the light at each point.
 
     ``leaves`` (blocks * 5 * BLOCK,) has the rows x, y, z, radius, gamma of each block one after the other.
@@ -364,9 +374,10 @@ def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine,
     ``weight`` (4, N) float64: share of the light of each cell, and its three components times the direction.
     """
     n_cells = grid[0].size
-    trans = np.empty(n_cells, np.float32)
     finer = np.empty(SUBCELLS * n_cells, np.float32)
-    cap = np.empty(7 * BLOCK, np.float32)
+    above = np.empty(BLOCK + 1, np.int32)
+    cap = np.zeros(7 * ROW, np.float32)
+    cap[6 * ROW + BLOCK] = HEIGHT_BINS
     sin_blur = np.float32(math.sin(blur))
     cos_reach = math.cos(2.0 * blur)  # a strip's blurred corner lies sqrt(2) blurs off
     sin_reach = math.sin(2.0 * blur)
@@ -396,7 +407,7 @@ def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine,
             for i in range(n_cells):
                 total = finer[i] + finer[n_cells + i] + finer[2 * n_cells + i] + finer[3 * n_cells + i]
                 trans[i] = total * np.float32(0.25)
-        around = _shade_leaves(px, py, pz, n_leaves, leaves, own[q], sin_blur, cos_tent, cap, grid, trans)
+        around = _shade_leaves(px, py, pz, n_leaves, leaves, own[q], sin_blur, cos_tent, cap, above, grid, trans)
         _shade_branches(px, py, pz, branches, cos_reach, sin_reach, np.float32(blur), grid, trans)
         for row in range(4):
             total = around * _dot(weight[row], trans)

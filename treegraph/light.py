@@ -457,6 +457,7 @@ def gather_light(
             cells.grid,
             cells.fine,
             weight,
+            _aligned(cells.grid[0].size),
             BLUR * cells.width,
             TENT * cells.width,
             amount[part],
@@ -579,7 +580,7 @@ def _cone_blocks(
 class _Cells(NamedTuple):
     """Cells of equal size in rings of equal height in angle; the first ring is around the zenith."""
 
-    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles; first and last cell by height
+    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles, filled up with 0; first and last cell by height
     fine: NDArray[np.float32]  # (3, 4 N): four directions per cell, all cells' first, then all second ...
     edge: NDArray[np.float64]  # (rings + 1,) heights between the rings
     count: NDArray[np.int64]  # (rings,) cells per ring
@@ -589,23 +590,37 @@ class _Cells(NamedTuple):
 @lru_cache(maxsize=8)
 def _sky_cells(rings: int) -> _Cells:
     """Cells of the upper hemisphere; multiples of four in each ring, none of its directions on an axis."""
-    from treegraph._light_kernels import HEIGHT_BINS
+    from treegraph._light_kernels import HEIGHT_BINS, LANES
 
     polar = (np.arange(rings) + 0.5) * (math.pi / 2 / rings)
     count = 4 * np.maximum(1, np.rint(np.sin(polar) * rings)).astype(np.int64)
     start = np.concatenate([[0], np.cumsum(count)])
     edge = 1.0 - start / start[-1]
     middle = (edge[:-1] + edge[1:]) / 2
-    x, y, z = _cell_points(edge, count, 1)[:, 0].T.astype(np.float32)
-    two = _cell_points(edge, count, 2)
-    fine = np.ascontiguousarray(two.transpose(2, 1, 0).reshape(3, -1).astype(np.float32))
+    size = -(-int(start[-1]) // LANES) * LANES
+    one, two = (_cell_points(edge, count, parts).transpose(2, 1, 0) for parts in (1, 2))
+    xyz = tuple(_aligned(size) for _ in range(3))
+    fine = np.zeros((3, 4, size), np.float32)
+    fine[:, :, : start[-1]] = two
     low = np.arange(HEIGHT_BINS + 1) / HEIGHT_BINS
     first = np.searchsorted(-middle, -(low + 1.0 / HEIGHT_BINS), side="left")  # rings at or below the bin's top
     last = np.searchsorted(-middle, -low, side="right")  # rings above the bin's bottom
-    none = np.array([0])  # the last bin is for what lies below the horizon
-    cell_first, cell_last = start[first], np.concatenate([start[last], none])
-    grid = (x.copy(), y.copy(), z.copy(), cell_first, cell_last)
-    return _Cells(grid, fine, edge, count, math.sqrt(2.0 * math.pi / start[-1]))
+    cell_first = start[first] // LANES * LANES
+    cell_last = -(-start[last] // LANES) * LANES
+    for to, values in zip(xyz, one[:, 0], strict=True):
+        to[: start[-1]] = values
+    for array in (*xyz, fine, cell_first, cell_last):
+        array.flags.writeable = False
+    width = math.sqrt(2.0 * math.pi / start[-1])
+    return _Cells((*xyz, cell_first, cell_last), fine.reshape(3, -1), edge, count, width)
+
+
+def _aligned(size: int) -> NDArray[np.float32]:
+    """Zeros (size,) that begin at a cache line: vector code is up to twice as fast on them."""
+    line = 64
+    room = np.zeros(4 * size + line, np.uint8)
+    begin = -room.ctypes.data % line
+    return room[begin : begin + 4 * size].view(np.float32)
 
 
 def _cell_points(edge: NDArray[np.float64], count: NDArray[np.int64], parts: int) -> NDArray[np.float64]:
@@ -629,11 +644,13 @@ def _subdivided(rings: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=64)
 def _cell_weight(rings: int, sky: Sky) -> NDArray[np.float64]:
-    """(4, N): each cell's share of the light, and the three components of that times the direction."""
+    """(4, N), 0 where the cells are filled up: each cell's share of the light, and the three components of that times the direction."""
     direction = _subdivided(rings)
     bright = sky.radiance(direction)
     weight = np.vstack([bright.sum(axis=1), np.einsum("ij,ijk->ki", bright, direction)])
-    weight = np.ascontiguousarray(weight / weight[0].sum())
+    weight /= weight[0].sum()
+    padding = _sky_cells(rings).grid[0].size - weight.shape[1]
+    weight = np.ascontiguousarray(np.pad(weight, ((0, 0), (0, padding))))
     weight.flags.writeable = False
     return weight
 
