@@ -69,7 +69,7 @@ def _shade_two_caps(trans, wx, wy, wz, first, last, cap, j, k):
 
 @_jit_fused
 def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
-    """What each of BLOCK leaf spheres is in the sky: ``cap`` has rows of a (3), offset, top, and two heights.
+    """What each of BLOCK leaf spheres is in the sky: ``cap`` has rows a (3), offset, top, two heights.
 
     The blurred coverage of a sphere of angular radius alpha is a ramp in the cosine from the axis, from 0 at
     c_out to 1 at c_in with c_in + c_out = 2 cos(alpha), so that its integral is the solid angle of the sphere.
@@ -121,9 +121,25 @@ def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
 
 
 @_jit
-def _shade_leaves(px, py, pz, n_leaves, leaves, own, sin_blur, cos_tent, cap, above, grid, trans):
+def _shade_leaves(
+    px,
+    py,
+    pz,
+    n_leaves,
+    leaves,
+    own,
+    sin_blur,
+    cos_tent,
+    cap,
+    above,
+    wx,
+    wy,
+    wz,
+    cell_first,
+    cell_last,
+    trans,
+):
     """All leaf spheres on one point; returns the factor of those around it, which dim the whole sky."""
-    wx, wy, wz, cell_first, cell_last = grid
     around = 1.0
     for first_leaf in range(0, n_leaves, BLOCK):
         block = first_leaf // BLOCK
@@ -139,9 +155,15 @@ def _shade_leaves(px, py, pz, n_leaves, leaves, own, sin_blur, cos_tent, cap, ab
         for m in range(0, n_above, 2):
             j = np.uint64(above[np.uint64(m)])
             k = np.uint64(above[np.uint64(m + 1)])
-            high = max(cap[j + np.uint64(5 * ROW)], cap[k + np.uint64(5 * ROW)])
-            low = min(cap[j + np.uint64(6 * ROW)], cap[k + np.uint64(6 * ROW)])
-            _shade_two_caps(trans, wx, wy, wz, cell_first[np.uint64(high)], cell_last[np.uint64(low)], cap, j, k)
+            j_high = cap[j + np.uint64(5 * ROW)]
+            k_high = cap[k + np.uint64(5 * ROW)]
+            j_low = cap[j + np.uint64(6 * ROW)]
+            k_low = cap[k + np.uint64(6 * ROW)]
+            high = j_high if j_high > k_high else k_high
+            low = j_low if j_low < k_low else k_low
+            _shade_two_caps(
+                trans, wx, wy, wz, cell_first[np.uint64(high)], cell_last[np.uint64(low)], cap, j, k
+            )
         for i in range(np.uint64(trans.size)):
             trans[i] = trans[i] if trans[i] > DARK else np.float32(0.0)
     return around
@@ -168,26 +190,22 @@ def _nearest_gap(x, y, z, ex, ey, ez, r, dr):
 
 
 @_jit_fused
-def _shade_cone(trans, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join0, join1, blur):
-    """Multiply cells by 1 - the blurred coverage of one branch. All lengths in one unit, float32.
+def _cover_cone(cover, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join0, join1, blur):
+    """Add the blurred coverage of one piece of a branch. All lengths in one unit, float32.
 
-    The coverage is that of a strip, blurred by a box of half width blur across and along: exact for straight
-    strips, however narrow or short. A free end is longer by pi/4 of its radius, which is a half disc's area; an end
-    that another branch continues (join 1) is longer by up to the blur where the branch is wider than that, so that no
-    light leaks through.
+    It is that of a strip, blurred by a box of half width blur across and along: exact for straight strips,
+    however narrow or short. A free end (join 0) is longer by pi/4 of its radius, which is a half disc's
+    area, and by all of it where it is seen end-on. Pieces that follow each other add up to one strip.
     """
     zero = np.float32(0.0)
     one = np.float32(1.0)
     half = np.float32(0.5)
     tiny = np.float32(1e-12)
     floor = np.float32(0.05)  # cosine of the branch's half width below which the ramp is not narrowed further
-    cap = np.float32(0.25 * math.pi)
-    free0 = cap * (one - join0)
-    free1 = cap * (one - join1)
+    free0 = one - join0
+    free1 = one - join1
     per_blur = half / blur
-    cc = x * x + y * y + z * z
-    ce = np.float32(2.0) * (x * ex + y * ey + z * ez)
-    ee = ex * ex + ey * ey + ez * ez
+    flat = np.float32(1.0 - 0.25 * math.pi) / (ex * ex + ey * ey + ez * ez + tiny)
     for i in range(np.uint64(first), np.uint64(last)):
         ux = wy[i] * z - wz[i] * y
         uy = wz[i] * x - wx[i] * z
@@ -202,8 +220,11 @@ def _shade_cone(trans, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join
         ux += s * vx
         uy += s * vy
         uz += s * vz
-        t = (x + near * ex) * wx[i] + (y + near * ey) * wy[i] + (z + near * ez) * wz[i]
-        inv = one / np.sqrt(cc + near * (ce + near * ee) + tiny)
+        nx = x + near * ex
+        ny = y + near * ey
+        nz = z + near * ez
+        t = nx * wx[i] + ny * wy[i] + nz * wz[i]
+        inv = one / np.sqrt(nx * nx + ny * ny + nz * nz + tiny)
         radius = r + near * dr
         sine = radius * inv
         c2 = one - sine * sine
@@ -213,24 +234,41 @@ def _shade_cone(trans, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join
         top = top if top < one else one
         f = f if f > zero else zero
         f = f if f < top else top
-        top *= blur
         step = np.sqrt(vv) * inv
-        begun = half + (s * step + free0 * sine + join0 * top) * per_blur
-        ended = half + ((one - s) * step + free1 * sine + join1 * top) * per_blur
+        cap = sine * (one - flat * vv)
+        begun = half + (s * step + free0 * cap) * per_blur
+        ended = half + ((one - s) * step + free1 * cap) * per_blur
         begun = begun if begun < one else one
         ended = ended if ended < one else one
         along = begun + ended - one
         along = along if along > zero else zero
-        f = f * along if t > zero else zero
-        t = trans[i] - trans[i] * f
+        cover[i] += f * along if t > zero else zero
+
+
+@_jit_fused
+def _apply_cover(trans, cover, first, last):
+    """Multiply cells by 1 - the coverage of a branch, and clear it."""
+    zero = np.float32(0.0)
+    one = np.float32(1.0)
+    for i in range(np.uint64(first), np.uint64(last)):
+        t = one - cover[i]
+        t = trans[i] * (t if t > zero else zero)
         trans[i] = t if t > DARK else zero
+        cover[i] = zero
 
 
 @_jit
-def _shade_branches(px, py, pz, branches, cos_reach, sin_reach, blur, grid, trans):
-    """All branches on one point; those that contain it do not shade it."""
-    wx, wy, wz, cell_first, cell_last = grid
+def _shade_branches(
+    px, py, pz, branches, cos_reach, sin_reach, blur, wx, wy, wz, cell_first, cell_last, cover, trans
+):
+    """All branches on one point; pieces that contain it do not shade it."""
+    low = wx.size  # cells that the present branch may cover
+    high = 0
     for k in range(branches.shape[0]):
+        if branches[k, 11] == 0.0 and low < high:
+            _apply_cover(trans, cover, low, high)
+            low = wx.size
+            high = 0
         x = branches[k, 0] - px
         y = branches[k, 1] - py
         z = branches[k, 2] - pz
@@ -256,8 +294,8 @@ def _shade_branches(px, py, pz, branches, cos_reach, sin_reach, blur, grid, tran
         elif _nearest_gap(x, y, z, ex, ey, ez, r, dr) <= 0.0:
             continue
         unit = 1.0 / max(d, bound)
-        _shade_cone(
-            trans,
+        _cover_cone(
+            cover,
             wx,
             wy,
             wz,
@@ -275,6 +313,10 @@ def _shade_branches(px, py, pz, branches, cos_reach, sin_reach, blur, grid, tran
             np.float32(branches[k, 9]),
             blur,
         )
+        low = min(low, first)
+        high = max(high, last)
+    if low < high:
+        _apply_cover(trans, cover, low, high)
 
 
 @_jit
@@ -365,16 +407,35 @@ def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, trans):
 
 
 @_jit
-def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine, weight, trans, blur, tent, amount, vector):
+def gather(
+    points,
+    own,
+    n_leaves,
+    leaves,
+    branches,
+    obstacles,
+    seen,
+    grid,
+    fine,
+    weight,
+    trans,
+    blur,
+    tent,
+    amount,
+    vector,
+):
     """Fill ``amount`` (n,) and ``vector`` (n, 3) with the light at each point.
 
     ``leaves`` (blocks * 5 * BLOCK,) has the rows x, y, z, radius, gamma of each block one after the other.
-    ``branches`` (m, 11): start, end - start, radius, its change, joined at start and end, half length + radius.
+    ``branches`` (m, 12): start, end - start, radius, its change, joined at start and end, half length +
+    radius, and whether it goes on from the row before.
     ``seen`` (n, 4 N) float32 is what the meshes let through per finer direction, or has no row.
     ``weight`` (4, N) float64: share of the light of each cell, and its three components times the direction.
     """
-    n_cells = grid[0].size
+    wx, wy, wz, cell_first, cell_last = grid  # once: each time counts references, atomically
+    n_cells = wx.size
     finer = np.empty(SUBCELLS * n_cells, np.float32)
+    cover = np.zeros(n_cells, np.float32)
     above = np.empty(BLOCK + 1, np.int32)
     cap = np.zeros(7 * ROW, np.float32)
     cap[6 * ROW + BLOCK] = HEIGHT_BINS
@@ -407,8 +468,40 @@ def gather(points, own, n_leaves, leaves, branches, obstacles, seen, grid, fine,
             for i in range(n_cells):
                 total = finer[i] + finer[n_cells + i] + finer[2 * n_cells + i] + finer[3 * n_cells + i]
                 trans[i] = total * np.float32(0.25)
-        around = _shade_leaves(px, py, pz, n_leaves, leaves, own[q], sin_blur, cos_tent, cap, above, grid, trans)
-        _shade_branches(px, py, pz, branches, cos_reach, sin_reach, np.float32(blur), grid, trans)
+        around = _shade_leaves(
+            px,
+            py,
+            pz,
+            n_leaves,
+            leaves,
+            own[q],
+            sin_blur,
+            cos_tent,
+            cap,
+            above,
+            wx,
+            wy,
+            wz,
+            cell_first,
+            cell_last,
+            trans,
+        )
+        _shade_branches(
+            px,
+            py,
+            pz,
+            branches,
+            cos_reach,
+            sin_reach,
+            np.float32(blur),
+            wx,
+            wy,
+            wz,
+            cell_first,
+            cell_last,
+            cover,
+            trans,
+        )
         for row in range(4):
             total = around * _dot(weight[row], trans)
             if row == 0:

@@ -2,13 +2,13 @@ r"""How much light reaches a point among leaves, branches and obstacles, and whe
 
 Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University
 of Konstanz, 2013, section 4.3.2 (Eq. 4.3, 4.4) and section 4.4 (Eq. 4.14, global light).
-Departs from it in: the integral runs over the upper hemisphere (the printed one runs over the whole sphere, to pi);
-the sky is dark at more than 90 degrees from its brightest point, where the printed cos^2 would rise again to a
-second brightest point opposite; shadows have no limited range.
+Departs from it in: the integral runs over the upper hemisphere (the printed one runs over the whole sphere,
+to pi); the sky is dark at more than 90 degrees from its brightest point, where the printed cos^2 would rise
+again to a second brightest point opposite; shadows have no limited range.
 
-Two implementations have one meaning. :func:`gather_light_exact` tests every ray of a fine quadrature against every
-occluder and is the reference; :func:`gather_light` blurs each shadow a little, which takes few directions, and is
-several thousand times faster. docs/light.md says how far they are apart.
+Two implementations have one meaning. :func:`gather_light_exact` tests every ray of a fine quadrature
+against every occluder and is the reference; :func:`gather_light` blurs each shadow a little, which takes
+few directions, and is several thousand times faster. docs/light.md says how far they are apart.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ __all__ = [
 ]
 
 UNIT_TRANSLUCENCY = 0.5
-"""gamma_c0 of Eq. 4.4, the thesis' value for any species: share of the light that passes per metre of radius."""
+"""gamma_c0 of Eq. 4.4, the thesis' value for any species: share of the light that passes per metre of
+radius."""
 
 AMOUNT_ERROR = 0.02
 """Bound of |fast - exact| of the amount at the default fineness, for the scenes that docs/light.md names."""
@@ -181,8 +182,9 @@ class Branches:
     start_radius, end_radius : (m,) float64
         Metres, >= 0. Equal radii make a cylinder with round ends.
     joined : (m, 2) bool
-        Whether another piece goes on where this one starts, and where it ends; default: nowhere. It changes nothing in
-        what is meant: :func:`gather_light` uses it so as not to count the balls at the joints once per piece.
+        Whether this piece goes on from another where it starts, and another from it where it ends; default:
+        no. Changes nothing in what is meant, but :func:`gather_light` is closer if it knows: pieces that
+        follow each other in the rows count as one branch, and joints have no round ends.
     """
 
     start: NDArray[np.float64]
@@ -314,7 +316,8 @@ def branches_of(tree: TreeGraph) -> Branches:
     Returns
     -------
     branches : Branches
-        One per node that has a parent, in node order, from the parent to the node.
+        One per node that has a parent, in the order of :func:`treegraph.chains`. A side branch starts with
+        its own radius, not with that of the wood it leaves.
 
     Raises
     ------
@@ -329,18 +332,17 @@ def branches_of(tree: TreeGraph) -> Branches:
         )
     from treegraph.order import chains
 
-    child = np.flatnonzero(tree.parent != NO_PARENT)
-    parent = tree.parent[child]
-    chain_start, chain_node = chains(tree)
-    leaves_parent = chain_node[chain_start[:-1][np.diff(chain_start) > 1] + 1]  # second node of each chain
-    leaves_parent = leaves_parent[tree.parent[tree.parent[leaves_parent]] != NO_PARENT]
-    start_radius = tree.radius[np.maximum(tree.parent, 0)]
-    start_radius[leaves_parent] = np.minimum(start_radius, tree.radius)[leaves_parent]
-    n_children = np.bincount(parent, minlength=tree.n_nodes)
-    joined = np.column_stack([(tree.parent[parent] != NO_PARENT) | (n_children[parent] > 1), n_children[child] > 0])
-    return Branches(
-        tree.position[parent], tree.position[child], start_radius[child], tree.radius[child], joined
-    )
+    chain_start, node = chains(tree)
+    begins = np.zeros(len(node) + 1, bool)
+    begins[chain_start] = True
+    edge = np.flatnonzero(~begins[:-1])  # places in the list whose predecessor is their node's parent
+    child, parent = node[edge], node[edge - 1]
+    starts = begins[edge - 1]
+    start_radius = tree.radius[parent]
+    leaves_wood = starts & (tree.parent[parent] != NO_PARENT)
+    start_radius[leaves_wood] = np.minimum(start_radius, tree.radius[child])[leaves_wood]
+    joined = np.column_stack([~starts | leaves_wood, ~begins[edge + 1]])
+    return Branches(tree.position[parent], tree.position[child], start_radius, tree.radius[child], joined)
 
 
 def join_occluders(*parts: Occluders) -> Occluders:
@@ -372,7 +374,7 @@ def join_occluders(*parts: Occluders) -> Occluders:
 def gather_light(
     points: ArrayLike,
     occluders: Occluders,
-    sky: Sky = Sky(),  # noqa: B008  (frozen)
+    sky: Sky = Sky(),
     *,
     own: ArrayLike | None = None,
     rings: int = DEFAULT_RINGS,
@@ -380,10 +382,12 @@ def gather_light(
     r"""Return the light that reaches each point, fast.
 
     :math:`i(p) = c \int_0^{2\pi} \int_0^{\pi/2} I(\theta, \phi) \prod_k \gamma_k(p, \theta, \phi)
-    \sin\theta \, d\theta d\phi`, Eq. 4.3 of [1]_ over the upper hemisphere, with :math:`c` such that a point under
-    the open sky receives 1. An occluder multiplies each ray that meets it by its translucency once, and
+    \sin\theta \, d\theta d\phi`, Eq. 4.3 of [1]_ over the upper hemisphere, with :math:`c` such that a
+    point under the open sky receives 1. An occluder multiplies each ray that meets it by its translucency
+    once, and
 
-    - a leaf cluster that contains the point dims the whole sky once, as it would from outside; the point's own
+    - a leaf cluster that contains the point dims the whole sky once, as it would from outside; the point's
+      own
       cluster (`own`) does not dim it at all;
     - a branch that contains the point does not shade it (buds and nodes lie in their own wood);
     - an obstacle that contains the point shades it from all sides.
@@ -399,7 +403,8 @@ def gather_light(
     own : (n,) int array_like, optional
         Row of the leaf cluster that each point belongs to, -1 for none.
     rings : int, default 10
-        Fineness: the sky is divided into about 2.5 rings^2 cells of one size; 4 to 64. Time grows as its square.
+        Fineness: the sky is divided into about 2.5 rings^2 cells of about one size; 4 to 64. Time grows as
+        its square.
 
     Returns
     -------
@@ -417,16 +422,17 @@ def gather_light(
 
     Notes
     -----
-    O(n m) time for n points and m occluders, O(n) memory. Hard shadows of obstacles are tested at 4 directions per cell.
-    The edges of leaves' and branches' shadows are blurred over one cell so that their solid angle is kept. What that loses
-    is how shadows lie to each other below the size of a cell (0.16 rad): they count as independent there.
-    With the default fineness the amount differs from the exact one by at most :data:`AMOUNT_ERROR`
-    and the vector by at most :data:`VECTOR_ERROR` (docs/light.md says for which scenes and what breaks it).
+    O(n m) time for n points and m occluders, O(n) memory. Hard shadows of obstacles are tested at 4
+    directions per cell. The edges of leaves' and branches' shadows are blurred over one cell so that their
+    solid angle is kept. What that loses is how shadows lie to each other below the size of a cell (0.16
+    rad): they count as independent there. With the default fineness the amount differs from the exact one
+    by at most :data:`AMOUNT_ERROR` and the vector by at most :data:`VECTOR_ERROR` (docs/light.md says for
+    which scenes and what breaks it).
 
     References
     ----------
-    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of Konstanz,
-       2013, section 4.3.2.
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
+       Konstanz, 2013, section 4.3.2.
 
     Examples
     --------
@@ -469,7 +475,7 @@ def gather_light(
 def gather_light_exact(
     points: ArrayLike,
     occluders: Occluders,
-    sky: Sky = Sky(),  # noqa: B008  (frozen)
+    sky: Sky = Sky(),
     *,
     own: ArrayLike | None = None,
     order: tuple[int, int] = DEFAULT_ORDER,
@@ -483,13 +489,15 @@ def gather_light_exact(
     points, occluders, sky, own
         See :func:`gather_light`.
     order : (int, int), default (96, 192)
-        Nodes of the quadrature, each >= 2: Gauss-Legendre in the cosine of the polar angle, equal steps in azimuth.
+        Nodes of the quadrature, each >= 2: Gauss-Legendre in the cosine of the polar angle, equal steps in
+        azimuth.
 
     Returns
     -------
     light : Light
-        With an open sky of brightness cos^2 about the zenith exact to rounding. An opaque shadow with a sharp edge is
-        exact to about the share of the nodes next to the edge: 0.002 for a single cap at the default order.
+        With an open sky of brightness cos^2 about the zenith exact to rounding. An opaque shadow with a
+        sharp edge is exact to about the share of the nodes next to the edge: 0.002 for a single cap at the
+        default order.
 
     Raises
     ------
@@ -553,9 +561,9 @@ def _cone_blocks(
 ) -> NDArray[np.bool_]:
     """Which rays meet the hull of two balls; none if the point is inside.
 
-    With c(s) and r(s) the centre and radius of the ball at s in [0, 1] of the axis, a line meets that ball where
-    |c|^2 - (c . w)^2 - r^2 <= 0: a quadratic A s^2 + 2 B s + C, whose least value on the part of [0, 1] ahead of
-    the point (c . w > 0) decides.
+    With c(s) and r(s) the centre and radius of the ball at s in [0, 1] of the axis, a line meets that ball
+    where |c|^2 - (c . w)^2 - r^2 <= 0: a quadratic A s^2 + 2 B s + C, whose least value on the part of
+    [0, 1] ahead of the point (c . w > 0) decides.
     """
     c, e, dr = start - point, end - start, r1 - r0
     grid = np.array([0.0, 1.0])  # where the gap |c| - r can be least: the ends, or the foot on the cone
@@ -578,24 +586,25 @@ def _cone_blocks(
 
 
 class _Cells(NamedTuple):
-    """Cells of equal size in rings of equal height in angle; the first ring is around the zenith."""
+    """Cells of about equal size in rings of equal height in angle; the first ring is around the zenith."""
 
-    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles, filled up with 0; first and last cell by height
+    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles, 0 at the end; first, last cell by height
     fine: NDArray[np.float32]  # (3, 4 N): four directions per cell, all cells' first, then all second ...
     edge: NDArray[np.float64]  # (rings + 1,) heights between the rings
     count: NDArray[np.int64]  # (rings,) cells per ring
-    width: float  # square root of a cell's solid angle
+    width: float  # square root of a cell's mean solid angle
 
 
 @lru_cache(maxsize=8)
 def _sky_cells(rings: int) -> _Cells:
-    """Cells of the upper hemisphere; multiples of four in each ring, none of its directions on an axis."""
+    """Cells of the upper hemisphere; multiples of four in each ring, no finer direction on an axis."""
     from treegraph._light_kernels import HEIGHT_BINS, LANES
 
     polar = (np.arange(rings) + 0.5) * (math.pi / 2 / rings)
     count = 4 * np.maximum(1, np.rint(np.sin(polar) * rings)).astype(np.int64)
     start = np.concatenate([[0], np.cumsum(count)])
-    edge = 1.0 - start / start[-1]
+    edge = np.cos(np.linspace(0.0, math.pi / 2, rings + 1))
+    edge[-1] = 0.0
     middle = (edge[:-1] + edge[1:]) / 2
     size = -(-int(start[-1]) // LANES) * LANES
     one, two = (_cell_points(edge, count, parts).transpose(2, 1, 0) for parts in (1, 2))
@@ -603,8 +612,8 @@ def _sky_cells(rings: int) -> _Cells:
     fine = np.zeros((3, 4, size), np.float32)
     fine[:, :, : start[-1]] = two
     low = np.arange(HEIGHT_BINS + 1) / HEIGHT_BINS
-    first = np.searchsorted(-middle, -(low + 1.0 / HEIGHT_BINS), side="left")  # rings at or below the bin's top
-    last = np.searchsorted(-middle, -low, side="right")  # rings above the bin's bottom
+    first = np.searchsorted(-middle, -(low + 1.0 / HEIGHT_BINS), side="left")  # at or below the bin's top
+    last = np.searchsorted(-middle, -low, side="right")  # above the bin's bottom
     cell_first = start[first] // LANES * LANES
     cell_last = -(-start[last] // LANES) * LANES
     for to, values in zip(xyz, one[:, 0], strict=True):
@@ -627,9 +636,10 @@ def _cell_points(edge: NDArray[np.float64], count: NDArray[np.int64], parts: int
     """Directions (N, parts^2, 3) of the middles of equal parts of each cell."""
     share = (np.arange(parts) + 0.5) / parts
     out = []
-    for top, bottom, n in zip(edge[:-1], edge[1:], count, strict=True):
+    for ring, (top, bottom, n) in enumerate(zip(edge[:-1], edge[1:], count, strict=True)):
         z = np.repeat(top + share * (bottom - top), parts)
-        azimuth = (np.arange(n)[:, None] + np.tile(share, parts)) * (2.0 * math.pi / n)
+        shift = 0.5 * (ring % 2)  # so that cells of neighbouring rings do not line up
+        azimuth = (np.arange(n)[:, None] + shift + np.tile(share, parts)) * (2.0 * math.pi / n)
         level = np.sqrt(1.0 - z * z)
         height = np.broadcast_to(z, azimuth.shape)
         out.append(np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=2))
@@ -644,12 +654,13 @@ def _subdivided(rings: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=64)
 def _cell_weight(rings: int, sky: Sky) -> NDArray[np.float64]:
-    """(4, N), 0 where the cells are filled up: each cell's share of the light, and the three components of that times the direction."""
-    direction = _subdivided(rings)
-    bright = sky.radiance(direction)
+    """(4, N): each cell's share of the light and that times its direction; 0 where cells are filled up."""
+    cells, direction = _sky_cells(rings), _subdivided(rings)
+    area = np.repeat((cells.edge[:-1] - cells.edge[1:]) / cells.count, cells.count)
+    bright = sky.radiance(direction) * area[:, None]
     weight = np.vstack([bright.sum(axis=1), np.einsum("ij,ijk->ki", bright, direction)])
     weight /= weight[0].sum()
-    padding = _sky_cells(rings).grid[0].size - weight.shape[1]
+    padding = cells.grid[0].size - weight.shape[1]
     weight = np.ascontiguousarray(np.pad(weight, ((0, 0), (0, padding))))
     weight.flags.writeable = False
     return weight
@@ -666,35 +677,30 @@ def _pack_leaves(leaves: Leaves) -> NDArray[np.float64]:
 
 
 def _pack_branches(branches: Branches) -> NDArray[np.float64]:
-    """Rows of start, end - start, radius, its change, joined at start and end, half length + radius."""
+    """Rows of start, end - start, radius, its change, joined at both ends, half length + radius, goes on."""
     along = branches.end - branches.start
     bound = np.linalg.norm(along, axis=1) / 2 + np.maximum(branches.start_radius, branches.end_radius)
     change = branches.end_radius - branches.start_radius
-    return np.ascontiguousarray(
-        np.column_stack([branches.start, along, branches.start_radius, change, branches.joined, bound])
-    )
+    goes_on = np.zeros(len(bound), bool)
+    goes_on[1:] = branches.joined[1:, 0] & (branches.start[1:] == branches.end[:-1]).all(axis=1)
+    columns = [branches.start, along, branches.start_radius, change, branches.joined, bound, goes_on]
+    return np.ascontiguousarray(np.column_stack(columns))
 
 
 def _pack(occluders: Occluders) -> tuple[NDArray, NDArray, tuple, list[TriangleMesh]]:
     """Arrays for the kernels: leaves, branches, (half-spaces, balls, boxes); and the meshes."""
-    leaves, branches = occluders.leaves, occluders.branches
-    of = {
-        kind: [o for o in occluders.obstacles if isinstance(o, kind)]
-        for kind in (HalfSpace, Ball, Box, TriangleMesh)
-    }
-    planes = [(*o.point, *o.normal, o.translucency) for o in of[HalfSpace]]
-    balls = [(*o.center, o.radius, o.translucency) for o in of[Ball]]
-    boxes = [(*o.center, *o.rotation.T.ravel(), *o.size / 2, o.translucency) for o in of[Box]]
-    return (
-        _pack_leaves(leaves),
-        _pack_branches(branches),
-        (
-            np.array(planes).reshape(-1, 7),
-            np.array(balls).reshape(-1, 5),
-            np.array(boxes).reshape(-1, 16),
-        ),
-        of[TriangleMesh],
-    )
+    things = occluders.obstacles
+    planes = [(*o.point, *o.normal, o.translucency) for o in things if isinstance(o, HalfSpace)]
+    balls = [(*o.center, o.radius, o.translucency) for o in things if isinstance(o, Ball)]
+    boxes = [
+        (*o.center, *np.transpose(o.rotation).ravel(), *o.size / 2, o.translucency)
+        for o in things
+        if isinstance(o, Box)
+    ]
+    rows = (planes, 7), (balls, 5), (boxes, 16)
+    packed = tuple(np.array(values).reshape(-1, width) for values, width in rows)
+    meshes = [o for o in things if isinstance(o, TriangleMesh)]
+    return _pack_leaves(occluders.leaves), _pack_branches(occluders.branches), packed, meshes
 
 
 def _seen_past(
@@ -718,5 +724,7 @@ def _check_points(
     rows = np.asarray(own)
     if rows.shape != (len(points),) or rows.dtype.kind not in "iu":
         raise InputError(f"own must be integers of shape ({len(points)},), got {rows.dtype} {rows.shape}")
-    check_rows("own", rows, (rows >= NO_OWN) & (rows < n_leaves), f"-1 or a row of leaves (0 to {n_leaves - 1})")
+    check_rows(
+        "own", rows, (rows >= NO_OWN) & (rows < n_leaves), f"-1 or a row of leaves (0 to {n_leaves - 1})"
+    )
     return points, rows.astype(np.int64)

@@ -4,8 +4,8 @@ Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", di
 of Konstanz, 2013, sections 4.3.2 and 4.4.3 (tree-obstacle interaction).
 Departs from it in: shadows are cast along rays; there are no shadow volumes with a range of influence.
 
-Every obstacle answers one question, exactly: which rays from a point run into it? A point inside a solid obstacle
-is in its shadow whichever way it looks.
+Every obstacle answers one question, exactly: which rays from a point run into it? A point inside a solid
+obstacle is in its shadow whichever way it looks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def check_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> N
     """Return a read-only float64 copy of a finite array of the given shape (None: any length)."""
     array = np.array(value, dtype=np.float64, order="C")
     wanted = f"({', '.join('n' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
-    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
+    ):
         raise InputError(f"{name} must have shape {wanted}, got {array.shape}")
     if not np.isfinite(array).all():
         row = int(np.argwhere(~np.isfinite(array))[0][0])
@@ -214,7 +216,9 @@ class TriangleMesh:
         vertices = check_array("vertices", self.vertices, (None, 3))
         faces = np.array(self.faces, order="C")
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.dtype.kind not in "iu":
-            raise InputError(f"faces must be integers of shape (f, 3), f > 0, got {faces.dtype} {faces.shape}")
+            raise InputError(
+                f"faces must be integers of shape (f, 3), f > 0, got {faces.dtype} {faces.shape}"
+            )
         bad = np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(vertices)).any(axis=1))
         if bad.size:
             raise InputError(
