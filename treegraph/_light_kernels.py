@@ -72,7 +72,7 @@ def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
     """What each of BLOCK leaf spheres is in the sky: ``cap`` has rows a (3), offset, top, two heights.
 
     The blurred coverage of a sphere of angular radius alpha is a ramp in the cosine from the axis, from 0 at
-    c_out to 1 at c_in with c_in + c_out = 2 cos(alpha), so that its integral is the solid angle of the sphere.
+    c_out to 1 at c_in with c_in + c_out = 2 cos(alpha), so that its integral is the sphere's solid angle.
     Where c_in would pass 1 the ramp ends lower. top < 0 says that the point is inside.
     Without branches and with rows at constant distances this is vector code over the spheres.
     """

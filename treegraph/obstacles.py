@@ -185,8 +185,8 @@ class Box:
 
     def blocks(self, point: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which of the rays (k, 3) from `point` (3,) run into it, (k,)."""
-        middle = (self.center - point) @ self.rotation
-        along = direction @ self.rotation
+        turn = np.asarray(self.rotation)
+        middle, along = (self.center - point) @ turn, direction @ turn
         along = np.where(np.abs(along) < PARALLEL, PARALLEL, along)
         with np.errstate(over="ignore"):
             one, two = (middle - self.size / 2) / along, (middle + self.size / 2) / along
@@ -242,21 +242,23 @@ class TriangleMesh:
         """Which of the rays (k, 3) from `point` (3,) run into it, (k,)."""
         return self.blocks_many(point[None], direction)[0]
 
-    def blocks_many(self, point: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def blocks_many(self, point: NDArray[np.float64], direction: NDArray) -> NDArray[np.bool_]:
         """Which rays run into it: all directions (k, 3) from all points (n, 3), as (n, k)."""
-        import open3d as o3d
+        from open3d import core, t
 
         middle = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
         scene = self.__dict__["_cast"]
         if scene is None:
-            scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+            scene = t.geometry.RaycastingScene(nthreads=1)
             local = (self.vertices - middle).astype(np.float32)
-            scene.add_triangles(o3d.core.Tensor(local), o3d.core.Tensor(self.faces.astype(np.uint32)))
+            scene.add_triangles(
+                core.Tensor.from_numpy(local), core.Tensor.from_numpy(self.faces.astype(np.uint32))
+            )
             put_fields(self, _cast=scene)
         rays = np.empty((len(point), len(direction), 6), np.float32)
         rays[..., :3] = (point - middle)[:, None]
         rays[..., 3:] = direction
-        return scene.test_occlusions(o3d.core.Tensor(rays), nthreads=1).numpy()
+        return scene.test_occlusions(core.Tensor.from_numpy(rays), nthreads=1).numpy()
 
 
 Obstacle = HalfSpace | Ball | Box | TriangleMesh

@@ -118,9 +118,9 @@ class TestOpenSky:
     @both
     @pytest.mark.parametrize("tilt", [0.0, 0.3, 0.8, 1.2, math.pi / 2])
     def test_tilted_sky_in_closed_form(self, gather, tilt):
-        """With d the tilt, in the plane of the zenith and the brightest point s, the integral of max(0, cos)^2 w is
-        (3 pi / 8) ((2/3 + cos d - cos^3 d / 3) s + (sin^3 d / 3) s'), s' across s on the zenith's side, and that without
-        w is (2/3) (pi - d + sin(2 d) / 2)."""
+        """With d the tilt, in the plane of the zenith and the brightest point s, the integral of
+        max(0, cos)^2 w is (3 pi / 8) ((2/3 + cos d - cos^3 d / 3) s + (sin^3 d / 3) s'), s' across s on the
+        zenith's side, and that without w is (2/3) (pi - d + sin(2 d) / 2)."""
         light = gather(HERE, OPEN, Sky.from_angles(math.pi / 2 - tilt, math.pi / 2))
         c, s = math.cos(tilt), math.sin(tilt)
         along = 2 / 3 + c - c**3 / 3
@@ -291,9 +291,9 @@ class TestBranches:
     @both
     @pytest.mark.parametrize("radius", [0.01, 0.1, 0.5])
     def test_long_pole_overhead(self, gather, radius):
-        """An endless pole of angular half width a across the zenith hides a slice between two planes: with the cosine
-        the sine of the angle to the axis times the cosine of that across it, 2 sin^3 integrates to 4/3 and
-        cos^2 over the slice to a + sin(2 a) / 2."""
+        """An endless pole of angular half width a across the zenith hides a slice between two planes: the
+        cosine is the sine of the angle to the axis times the cosine of that across it; sin^3 integrates to
+        4/3 and cos^2 over the slice to a + sin(2 a) / 2."""
         pole = Branches([[-4000, 0, 5.0]], [[4000, 0, 5.0]], [radius], [radius])
         a = math.asin(radius / 5)
         hidden = 4 / 3 * (a + math.sin(2 * a) / 2) / (2 * math.pi / 3)
@@ -392,7 +392,7 @@ class TestInvariants:
     @settings(deadline=None, max_examples=15)
     @given(seed=seeds, angle=st.floats(0, 7))
     def test_turning_everything_about_the_vertical(self, seed, angle):
-        """A quarter turn changes nothing but rounding in the fast model; any other, no more than its error allows."""
+        """A quarter turn changes nothing but rounding in the fast model; any other, less than its error."""
         rng = np.random.default_rng(seed)
         center, radius, points, elevation = (
             around(rng, 30),

@@ -122,9 +122,8 @@ class TestLight:
 
     @both
     def test_endless_wall_in_closed_form(self, gather):
-        """A wall whose top stands at the angle e above the horizon leaves the slice from e to pi of the
-        half plane's turn: its share of a cos^2 sky is (b + sin(2 b) / 2) / pi with b = pi - e measured about the
-        zenith, that is 1/2 + ((pi/2 - e) + sin(2 e) / 2) / pi."""
+        """A wall whose top stands at the angle e above the horizon leaves the half sky on the other side and
+        the slice from e to the zenith: 1/2 + (b + sin(2 b) / 2) / pi with b = pi/2 - e."""
         wall = make_wall((2, 0, 0), (-1, 0, 0), width=4000, height=3)
         e = math.atan2(3, 2)
         share = 0.5 + ((math.pi / 2 - e) + math.sin(2 * (math.pi / 2 - e)) / 2) / math.pi
