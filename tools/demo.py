@@ -80,7 +80,7 @@ def main() -> int:
     begin = time.perf_counter()
     worst = 0
     if not kernels.kept():
-        print("The first run after an installation compiles its loops, which takes a minute or two.", flush=True)
+        print("The first run on a machine compiles its loops, which takes a minute or two.", flush=True)
     for scans, options in RUNS:
         worst = max(worst, reconstruct(scans, [*options, "-o", folder, "--force", *more]))
     names = [Path(scan).stem for scans, _ in RUNS for scan in scans]
