@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from benchmarks import data, dbh, sizes, skeleton_truth, speed, wood
+from benchmarks import data, dbh, light, sizes, skeleton_truth, speed, wood
 
-BENCHMARKS = {"wood": wood, "skeleton_truth": skeleton_truth, "dbh": dbh, "sizes": sizes, "speed": speed}
+BENCHMARKS = {
+    "wood": wood,
+    "skeleton_truth": skeleton_truth,
+    "dbh": dbh,
+    "sizes": sizes,
+    "speed": speed,
+    "light": light,
+}
 QUICK_LADDER = (100_000, 1_000_000)
 
 

@@ -32,6 +32,8 @@ STRAY_GAP = 0.10  # ... if it is so much of the extent away from the rest
 STRAY_CELLS = 4.0  # ... and so many cells
 MOST_STRAY = 0.2  # of all points; where more look stray the scan is sparse, and none are
 MIN_TREE_SHARE = 0.02  # of the numbered points; smaller numbers are no trees
+BASE_AWAY = 1.0  # metres that a given base may be from the nearest point, or ...
+BASE_SHARE = 0.15  # ... this share of the height
 FOOT_SHARE = 0.04  # of the height: where the foot is looked for if there is no stem
 LYING_STEMS = 4  # along another axis than z are no chance ...
 LYING_POINTS = 200  # ... if they have so many points
@@ -383,7 +385,7 @@ def _given_base(cloud: Cloud, xyz: np.ndarray, settings: PrepareSettings, scale:
     base = _turned((base - cloud.origin)[None], settings.up)[0] * scale
     off = xyz - base
     away = float(np.hypot(np.hypot(off[:, 0], off[:, 1]), off[:, 2]).min())
-    if away > 0.5 * max(float(np.ptp(xyz[:, 2])), 1.0):
+    if away > max(BASE_SHARE * float(np.ptp(xyz[:, 2])), BASE_AWAY):
         raise InputError(
             f"base is {away:.1f} m from the nearest point: give it in the scan's own coordinates"
         )
