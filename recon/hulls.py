@@ -273,7 +273,7 @@ def _alpha_surface(points: np.ndarray, multiple: float) -> tuple[np.ndarray, np.
     from recon import _hull_kernels as kernels
 
     extent = float((points.max(axis=0) - points.min(axis=0)).max())
-    moved = (points - points.mean(axis=0)) / extent + JITTER * _low_discrepancy(len(points))
+    moved = (points - points.mean(axis=0)) / extent + JITTER * _scatter(len(points))
     mesh = Delaunay(moved)
     tetra = np.ascontiguousarray(mesh.simplices, np.int64)
     neighbour = np.ascontiguousarray(mesh.neighbors, np.int64)
@@ -294,10 +294,13 @@ def _alpha_surface(points: np.ndarray, multiple: float) -> tuple[np.ndarray, np.
     return points[source], faces, alpha_min * extent, alpha * extent
 
 
-def _low_discrepancy(n: int) -> np.ndarray:
-    """(n, 3) deterministic numbers in [0, 1) that lie on no common plane or sphere."""
-    step = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])  # R3 sequence
-    return (0.5 + np.arange(1, n + 1)[:, None] * step) % 1.0
+def _scatter(n: int) -> np.ndarray:
+    """(n, 3) numbers in [0, 1), the same at every call.
+
+    A regular sequence will not do: it moves the corners of a parallelogram whose numbers are i, i + 1,
+    j and j + 1 in step, so that points of a grid stay on common planes.
+    """
+    return np.random.default_rng(0).random((n, 3))
 
 
 def _renumber(tetra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay
 
@@ -255,6 +255,7 @@ def test_larger_alpha_is_the_convex_hull():
 
 
 @given(st.integers(0, 10**6), st.integers(4, 90), st.floats(1.0, 6.0), st.sampled_from([12, 20, 60]))
+@example(78, 78, 1.0, 12)  # a grid whose tetrahedra were flat to the last bit, and turned inside out
 @settings(deadline=None, max_examples=60)
 def test_any_points_any_budget(seed, n, multiple, max_faces):
     rng = np.random.default_rng(seed)
