@@ -14,7 +14,7 @@ import numpy as np
 from recon.cloud import Cloud, as_cloud
 from recon.ground import BOTTOM, Ground, find_ground
 from recon.ordering import morton_order
-from recon.stems import TOP, Stems, count_trees, find_stems, stem_foot
+from recon.stems import TOP, Stems, count_trees, find_stems, separate_stems, stem_foot
 from treegraph.errors import InputError
 
 MIN_POINTS = 16
@@ -30,11 +30,13 @@ CELL_RANGE = (0.05, 0.5)  # ... and their limits, metres
 STRAY_SHARE = 0.02  # a piece with fewer of all points may be stray ...
 STRAY_GAP = 0.10  # ... if it is so much of the extent away from the rest
 STRAY_CELLS = 4.0  # ... and so many cells
+UNDER_SHARE = 0.6  # of the height of the rest: no stray is nearer below it, as a trunk seen from the air
 MOST_STRAY = 0.2  # of all points; where more look stray the scan is sparse, and none are
 MIN_TREE_SHARE = 0.02  # of the numbered points; smaller numbers are no trees
 BASE_AWAY = 1.0  # metres that a given base may be from the nearest point, or ...
 BASE_SHARE = 0.15  # ... this share of the height
 FOOT_SHARE = 0.04  # of the height: where the foot is looked for if there is no stem
+FOOT_POINTS = 5  # the fewest that the place of such a foot is taken from
 LYING_STEMS = 4  # along another axis than z are no chance ...
 LYING_POINTS = 200  # ... if they have so many points
 WIDE_FOOT = 0.08  # lowest points spread wider than this share of the height are no foot
@@ -197,11 +199,16 @@ def _some(numbers: np.ndarray) -> str:
     return f"{shown} and {numbers.size - 8} more" if numbers.size > 8 else shown
 
 
+def _is_numbered(tree_id: np.ndarray) -> np.ndarray:
+    """True where a number is a tree's: -1 is none, and so is 0 beside others: trees are counted from 1."""
+    return tree_id > 0 if (tree_id > 0).any() else tree_id >= 0
+
+
 def _n_numbered(cloud: Cloud, settings: PrepareSettings) -> int:
     """Number of trees that the points of a scan are numbered by, 0 if they are not or one is chosen."""
     if cloud.tree_id is None or settings.tree_id is not None:
         return 0
-    _, count = np.unique(cloud.tree_id[cloud.tree_id >= 0], return_counts=True)
+    _, count = np.unique(cloud.tree_id[_is_numbered(cloud.tree_id)], return_counts=True)
     return int((count >= MIN_TREE_SHARE * max(count.sum(), 1)).sum())
 
 
@@ -299,12 +306,21 @@ def _drop_strays(xyz: np.ndarray, notes: list[str]) -> np.ndarray:
     far = np.full(n_pieces, np.inf)
     np.minimum.at(far, piece, near)
     stray = far > max(STRAY_GAP * extent, STRAY_CELLS * cell)
+    stray[piece[_under(middle, middle[big[piece]])]] = False
     keep = np.flatnonzero(~stray[piece][cell_of])
     if len(keep) < (1 - MOST_STRAY) * len(xyz):
         return np.arange(len(xyz))
     if len(keep) < len(xyz):
         notes.append(f"{len(xyz) - len(keep)} of {len(xyz)} points are strays far from the tree")
     return keep
+
+
+def _under(places: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Which of `places` lie below the middle half of `rest` on the map, and not far below, (k,) bool."""
+    left, right = np.quantile(rest[:, :2], [0.25, 0.75], axis=0)
+    low, high = rest[:, 2].min(), rest[:, 2].max()
+    inside = ((places[:, :2] >= left) & (places[:, :2] <= right)).all(axis=1)
+    return inside & (places[:, 2] < low) & (places[:, 2] > low - UNDER_SHARE * (high - low))
 
 
 def _stems_above(xyz: np.ndarray, ground: Ground | None) -> tuple[Stems, np.ndarray, float]:
@@ -321,8 +337,9 @@ def _remark_lying(xyz: np.ndarray, notes: list[str]) -> None:
     """Say so if several stems stand along another axis than z."""
     for up in ("y", "-y", "x", "-x"):
         turned = _turned(xyz, up)
-        stems, _, _ = _stems_above(turned, None)
-        if (stems.n_points >= LYING_POINTS).sum() >= LYING_STEMS:
+        stems, height, top = _stems_above(turned, find_ground(turned))
+        standing = separate_stems(turned, stems, height, top)
+        if (stems.n_points[standing] >= LYING_POINTS).sum() >= LYING_STEMS:
             notes.append(
                 f"no stem stands along z, but some do along {up}: if that is up, pass up={up!r} (--up {up})"
             )
@@ -353,7 +370,7 @@ def _one_of_many(
     from recon.plots import nearest_tree
 
     if cloud.tree_id is not None and (cloud.tree_id >= 0).any():
-        tree = np.asarray(cloud.tree_id)[index].astype(np.int64)
+        tree = np.where(_is_numbered(cloud.tree_id), cloud.tree_id, -1)[index].astype(np.int64)
     else:
         tree = nearest_tree(xyz, stems, height)
     number = np.unique(tree[tree >= 0])
@@ -414,8 +431,9 @@ def _base(
 
 def _foot_without_stem(xyz: np.ndarray) -> np.ndarray:
     """Foot of a scan in which no stem stands: its lowest points if they are a foot, else below its middle."""
-    low, high = np.quantile(xyz[:, 2], [0.002, 1.0])
-    at_foot = xyz[xyz[:, 2] <= low + FOOT_SHARE * (high - low), :2]
+    low, high = xyz[:, 2].min(), xyz[:, 2].max()
+    few = np.sort(xyz[:, 2])[min(FOOT_POINTS, len(xyz)) - 1]
+    at_foot = xyz[xyz[:, 2] <= max(low + FOOT_SHARE * (high - low), few), :2]
     middle = np.median(at_foot, axis=0)
     if np.median(np.hypot(*(at_foot - middle).T)) > WIDE_FOOT * (high - low):
         middle = np.median(xyz[:, :2], axis=0)

@@ -31,7 +31,11 @@ FOOT_SPREADS = 1.5  # points of a stem are this near to its middle, in spreads .
 FOOT_MARGIN = 0.10  # ... plus this, metres
 FOOT_WANDER = 0.5  # metres that the middle may wander on the way down
 FOOT_STEP = 0.10  # metres
-FOOT_GAP = 0.5  # a stem is followed down over gaps up to this, metres
+FOOT_GAP = 0.5  # a stem is followed down over gaps up to this, metres ...
+FOOT_FEW = 100  # ... and over any if it has fewer points than these from the slab down ...
+FOOT_CONE = 0.5  # ... in a cone that widens by so much a metre
+FOOT_COUNT = 0.25  # fewer of the stem's points a step than this share hardly tell where it is
+FOOT_FLARE = 1.3  # wider by this than the stem is: roots, grass or ground, which do not move the middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,16 +245,28 @@ def stem_foot(xyz: np.ndarray, centre: np.ndarray, spread: float) -> np.ndarray:
         Middle of the lowest points of the stem, at the height of the lowest.
     """
     reach = FOOT_SPREADS * spread + FOOT_MARGIN
-    near = xyz[(np.hypot(*(xyz[:, :2] - centre[:2]).T) < reach + FOOT_WANDER) & (xyz[:, 2] < centre[2])]
+    away = np.hypot(*(xyz[:, :2] - centre[:2]).T)
+    below = xyz[:, 2] < centre[2]
+    near = xyz[(away < reach + FOOT_WANDER) & below]
     middle = centre.copy()
     foot = centre.copy()
+    widths: list[float] = []
+    counts: list[int] = []
     z = centre[2]
     while z > foot[2] - FOOT_GAP and len(near):
         slab = near[(near[:, 2] <= z) & (near[:, 2] > z - FOOT_STEP)]
         slab = slab[np.hypot(*(slab[:, :2] - middle[:2]).T) < reach]
         if len(slab):
-            box = 0.5 * (slab[:, :2].min(axis=0) + slab[:, :2].max(axis=0))
-            middle[:2] += 0.5 * (box - middle[:2])
-            foot = np.array([middle[0], middle[1], slab[:, 2].min()])
+            low, high = slab[:, :2].min(axis=0), slab[:, :2].max(axis=0)
+            widths.append(float((high - low).max()))
+            counts.append(len(slab))
+            is_thin = widths[-1] <= FOOT_FLARE * float(np.median(widths))
+            if is_thin and counts[-1] >= FOOT_COUNT * float(np.median(counts)):
+                foot[:2] = 0.5 * (low + high)
+                middle[:2] += 0.5 * (foot[:2] - middle[:2])
+            foot[2] = slab[:, 2].min()
         z -= FOOT_STEP
+    if len(near) < FOOT_FEW:  # seen from the air: what is left of the trunk lies far apart
+        lower = below & (xyz[:, 2] < foot[2]) & (away < reach + FOOT_CONE * (centre[2] - xyz[:, 2]))
+        foot[2] = xyz[lower, 2].min(initial=foot[2])
     return foot
