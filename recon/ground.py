@@ -8,7 +8,9 @@ import numpy as np
 
 CELL = 0.25  # metres; of the grid that the lowest points are looked for in
 MAX_CELLS = 4_000_000
-STEP = 0.20  # neighbouring cells of the ground differ by no more than this, metres
+COARSER = (2.0, 4.0)  # times larger cells, for a wide scan that shows no ground
+WIDE_AREA = 150.0  # m2 of such a scan
+STEP = 0.20  # per cell of 0.25 m: neighbouring cells of the ground differ by no more than this, metres
 MIN_AREA = 1.5  # a smaller patch of low points is a root, grass or a low branch, m2
 MIN_AREA_SHARE = 0.12  # of the area under the tree that a patch must cover to be ground
 LOW_SHARE = 0.12  # the middle of the ground lies below this share of the scan's height ...
@@ -42,6 +44,18 @@ class Ground:
     low: np.ndarray
     cell: float
 
+    @property
+    def area(self) -> float:
+        """Of the known ground, square metres."""
+        return float(np.isfinite(self.height).sum()) * self.cell**2
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it is more than a strip of cells: three by three of them are known somewhere."""
+        from scipy.ndimage import binary_erosion
+
+        return bool(binary_erosion(np.isfinite(self.height), np.ones((3, 3))).any())
+
     def under(self, xyz: np.ndarray) -> np.ndarray:
         """Height of the ground under each point, inf where none is known, (n,) float64."""
         from recon import _prepare_kernels as kernels
@@ -52,7 +66,7 @@ class Ground:
         """True for points of the ground, (n,) bool."""
         from recon import _prepare_kernels as kernels
 
-        rise = np.minimum(kernels.steepest(self.height), STEP)
+        rise = np.minimum(kernels.steepest(self.height), STEP * self.cell / CELL)
         top = np.where(np.isfinite(self.height), self.height + THICKNESS + rise, -np.inf)
         return xyz[:, 2] < kernels.grid_values(xyz, self.low, self.cell, top)
 
@@ -79,14 +93,25 @@ def find_ground(xyz: np.ndarray) -> Ground | None:
     -------
     Ground or None
     """
+    size = np.ptp(xyz[:, :2], axis=0)
+    cell = max(CELL, float(np.sqrt(size[0] * size[1] / MAX_CELLS)))
+    ground = _ground_on(xyz, cell)
+    if ground is None and size[0] * size[1] >= WIDE_AREA:  # a ground hit too seldom for small cells
+        found = [g for g in (_ground_on(xyz, times * cell) for times in COARSER) if g is not None]
+        return max(found, key=lambda g: g.area, default=None)
+    return ground
+
+
+def _ground_on(xyz: np.ndarray, cell: float) -> Ground | None:
+    """The ground on a grid of cells of this size, if it shows there."""
     from recon import _prepare_kernels as kernels
 
     low = xyz[:, :2].min(axis=0)
     size = xyz[:, :2].max(axis=0) - low
-    cell = max(CELL, float(np.sqrt(size[0] * size[1] / MAX_CELLS)))
+    step = STEP * cell / CELL
     shape = np.floor(size / cell).astype(np.int64) + 1
     lows = kernels.cell_lows(xyz, low, cell, shape)
-    label, count = kernels.smooth_patches(lows, STEP)
+    label, count = kernels.smooth_patches(lows, step)
     filled = label >= 0
     n_cells = np.bincount(label[filled], minlength=count)
     bottom = float(np.quantile(xyz[:, 2], BOTTOM))

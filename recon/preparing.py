@@ -14,7 +14,7 @@ import numpy as np
 from recon.cloud import Cloud, as_cloud
 from recon.ground import BOTTOM, Ground, find_ground
 from recon.ordering import morton_order
-from recon.stems import TOP, Stems, count_trees, find_stems, separate_stems, stem_foot
+from recon.stems import NO_STEMS, TOP, Stems, count_trees, find_stems, separate_stems, stem_foot
 from treegraph.errors import InputError
 
 MIN_POINTS = 16
@@ -30,13 +30,17 @@ CELL_RANGE = (0.05, 0.5)  # ... and their limits, metres
 STRAY_SHARE = 0.02  # a piece with fewer of all points may be stray ...
 STRAY_GAP = 0.10  # ... if it is so much of the extent away from the rest
 STRAY_CELLS = 4.0  # ... and so many cells
-UNDER_SHARE = 0.6  # of the height of the rest: no stray is nearer below it, as a trunk seen from the air
+UNDER_SHARE = 1.0  # of the height of the rest: no stray is nearer below it, as a trunk seen from the air ...
+UNDER_RIM = (0.1, 0.9)  # ... and between these quantiles of its places
+SPARSE_STEM = 150  # points; a stem of fewer that ends so far up ...
+HANGING_SHARE = 0.05  # ... as a share of the height, is a cluster of branches ...
+HIGH_SLAB_SHARE = 0.25  # ... and so is one that was found in a slab so high
 MOST_STRAY = 0.2  # of all points; where more look stray the scan is sparse, and none are
 MIN_TREE_SHARE = 0.02  # of the numbered points; smaller numbers are no trees
 BASE_AWAY = 1.0  # metres that a given base may be from the nearest point, or ...
 BASE_SHARE = 0.15  # ... this share of the height
 FOOT_SHARE = 0.04  # of the height: where the foot is looked for if there is no stem
-FOOT_POINTS = 5  # the fewest that the place of such a foot is taken from
+FOOT_POINTS = 3  # the fewest that the place of such a foot is taken from
 LYING_STEMS = 4  # along another axis than z are no chance ...
 LYING_POINTS = 200  # ... if they have so many points
 WIDE_FOOT = 0.08  # lowest points spread wider than this share of the height are no foot
@@ -136,7 +140,8 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
     _narrow_enough(xyz)
     ground = None if settings.keep_ground else find_ground(xyz)
     stems, height, top = _stems_above(xyz, ground)
-    if len(stems.centre) == 0 and settings.up == "z":
+    stands = len(stems.centre) > 0 or (ground is not None and ground.is_wide)
+    if not stands and settings.up == "z":
         _remark_lying(xyz, notes)
     n_trees = _n_numbered(given, settings) or _n_standing(xyz, stems, height, top)
     if n_trees > 1 and (settings.largest or settings.base is not None):
@@ -144,6 +149,8 @@ def prepare(points: Any, settings: PrepareSettings | None = None) -> Prepared:
         mine = _one_of_many(given, index, xyz, stems, height, base, notes)
         index, xyz, height = index[mine], np.ascontiguousarray(xyz[mine]), height[mine]
         stems, height, top = _stems_above(xyz, ground)
+    if ground is None and _hangs(xyz, stems):
+        stems = NO_STEMS
     wood = np.ones(len(xyz), bool)
     if ground is not None:
         wood = _without_ground(xyz, ground, stems, notes)
@@ -316,8 +323,8 @@ def _drop_strays(xyz: np.ndarray, notes: list[str]) -> np.ndarray:
 
 
 def _under(places: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Which of `places` lie below the middle half of `rest` on the map, and not far below, (k,) bool."""
-    left, right = np.quantile(rest[:, :2], [0.25, 0.75], axis=0)
+    """Which of `places` lie below `rest`, but for its rim on the map, and not far below, (k,) bool."""
+    left, right = np.quantile(rest[:, :2], UNDER_RIM, axis=0)
     low, high = rest[:, 2].min(), rest[:, 2].max()
     inside = ((places[:, :2] >= left) & (places[:, :2] <= right)).all(axis=1)
     return inside & (places[:, 2] < low) & (places[:, 2] > low - UNDER_SHARE * (high - low))
@@ -438,6 +445,16 @@ def _foot_without_stem(xyz: np.ndarray) -> np.ndarray:
     if np.median(np.hypot(*(at_foot - middle).T)) > WIDE_FOOT * (high - low):
         middle = np.median(xyz[:, :2], axis=0)
     return np.array([*middle, low])
+
+
+def _hangs(xyz: np.ndarray, stems: Stems) -> bool:
+    """Whether the thickest stem is none but some branches of a scan from the air."""
+    if len(stems.centre) == 0 or stems.n_points[0] >= SPARSE_STEM:
+        return False
+    foot = stem_foot(xyz, stems.centre[0], stems.spread[0])
+    ends, starts = np.array([foot[2], stems.centre[0, 2]]) - xyz[:, 2].min()
+    tall = float(np.ptp(xyz[:, 2]))
+    return bool(ends > HANGING_SHARE * tall or starts > HIGH_SLAB_SHARE * tall)
 
 
 def _moved(

@@ -35,6 +35,7 @@ FOOT_GAP = 0.5  # a stem is followed down over gaps up to this, metres ...
 FOOT_FEW = 100  # ... and over any if it has fewer points than these from the slab down ...
 FOOT_CONE = 0.5  # ... in a cone that widens by so much a metre
 FOOT_COUNT = 0.25  # fewer of the stem's points a step than this share hardly tell where it is
+FOOT_QUANTILE = 0.25  # of the widths of a stem's steps; most of them may lie among roots or grass
 FOOT_FLARE = 1.3  # wider by this than the stem is: roots, grass or ground, which do not move the middle
 
 
@@ -56,6 +57,9 @@ class Stems:
     n_points: np.ndarray
 
 
+NO_STEMS = Stems(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+
+
 def find_stems(xyz: np.ndarray, height: np.ndarray, top: float) -> Stems:
     """Compact upright columns of points in a slab above the ground.
 
@@ -75,9 +79,8 @@ def find_stems(xyz: np.ndarray, height: np.ndarray, top: float) -> Stems:
     low = float(np.clip(SLAB_LOW[0] * top, *SLAB_LOW[1:]))
     size = float(np.clip(SLAB_SIZE[0] * top, *SLAB_SIZE[1:]))
     row = np.flatnonzero((height >= low) & (height < low + size))
-    none = Stems(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
     if row.size < 3:
-        return none
+        return NO_STEMS
     group, n_groups = _touching(xyz[row, :2])
     n_points = np.bincount(group)
     centre = np.stack([np.bincount(group, xyz[row, c]) for c in range(3)], axis=1) / n_points[:, None]
@@ -88,7 +91,7 @@ def find_stems(xyz: np.ndarray, height: np.ndarray, top: float) -> Stems:
     above = np.flatnonzero((height >= low + size) & (height < low + 2 * size))
     stem = stem[_goes_on(xyz[above], height[above], centre[stem], spread[stem], low + size, size)]
     if stem.size == 0:
-        return none
+        return NO_STEMS
     stem = stem[n_points[stem] >= MIN_STEM_SHARE * n_points[stem].max()]
     stem = stem[np.argsort(-n_points[stem], kind="stable")]
     return Stems(centre[stem], spread[stem], n_points[stem])
@@ -260,7 +263,7 @@ def stem_foot(xyz: np.ndarray, centre: np.ndarray, spread: float) -> np.ndarray:
             low, high = slab[:, :2].min(axis=0), slab[:, :2].max(axis=0)
             widths.append(float((high - low).max()))
             counts.append(len(slab))
-            is_thin = widths[-1] <= FOOT_FLARE * float(np.median(widths))
+            is_thin = widths[-1] <= FOOT_FLARE * float(np.quantile(widths, FOOT_QUANTILE))
             if is_thin and counts[-1] >= FOOT_COUNT * float(np.median(counts)):
                 foot[:2] = 0.5 * (low + high)
                 middle[:2] += 0.5 * (foot[:2] - middle[:2])
