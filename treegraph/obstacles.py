@@ -244,6 +244,26 @@ class TriangleMesh:
 
     def blocks_many(self, point: NDArray[np.float64], direction: NDArray) -> NDArray[np.bool_]:
         """Which rays run into it: all directions (k, 3) from all points (n, 3), as (n, k)."""
+        from open3d import core
+
+        scene, middle = self._scene()
+        rays = np.empty((len(point), len(direction), 6), np.float32)
+        rays[..., :3] = (point - middle)[:, None]
+        rays[..., 3:] = direction
+        return scene.test_occlusions(core.Tensor.from_numpy(rays), nthreads=1).numpy()
+
+    def crosses(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of the straight ways from `start` (n, 3) to `end` (n, 3) lead through a triangle, (n,)."""
+        from open3d import core
+
+        scene, middle = self._scene()
+        rays = np.empty((len(start), 6), np.float32)
+        rays[:, :3] = start - middle
+        rays[:, 3:] = end - start
+        return scene.test_occlusions(core.Tensor.from_numpy(rays), tfar=1.0, nthreads=1).numpy()
+
+    def _scene(self) -> tuple[Any, NDArray[np.float64]]:
+        """Open3D's search tree, built at the first call, and the point about which its rays are cast."""
         from open3d import core, t
 
         middle = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
@@ -255,10 +275,7 @@ class TriangleMesh:
                 core.Tensor.from_numpy(local), core.Tensor.from_numpy(self.faces.astype(np.uint32))
             )
             put_fields(self, _cast=scene)
-        rays = np.empty((len(point), len(direction), 6), np.float32)
-        rays[..., :3] = (point - middle)[:, None]
-        rays[..., 3:] = direction
-        return scene.test_occlusions(core.Tensor.from_numpy(rays), nthreads=1).numpy()
+        return scene, middle
 
 
 Obstacle = HalfSpace | Ball | Box | TriangleMesh
