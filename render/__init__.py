@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from render.errors import NoPreviewError
+    from render.foliage import leaf_part
     from render.gl import GLStatus, find_gl
     from render.gltf import write_glb
     from render.mesh import DETAIL, Mesh, MeshSettings, branch_mesh, mesh_volume
@@ -28,6 +29,7 @@ _LAZY = {
     "branch_mesh": "mesh",
     "find_gl": "gl",
     "hull_mesh": "parts",
+    "leaf_part": "foliage",
     "mesh_volume": "mesh",
     "preview": "views",
     "tree_parts": "parts",
@@ -49,6 +51,7 @@ __all__ = [
     "branch_mesh",
     "find_gl",
     "hull_mesh",
+    "leaf_part",
     "mesh_volume",
     "preview",
     "tree_parts",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -66,9 +67,12 @@ def pick_points(scan: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | N
     return xyz[kept], None if color is None else to_linear(color[kept] / 255.0)
 
 
-def find_outline(tree: ClusterTree, cloud: tuple[NDArray[np.float64], Any] | None) -> NDArray[np.float64]:
+def find_outline(
+    tree: ClusterTree, cloud: tuple[NDArray[np.float64], Any] | None, more: Sequence[Part] = ()
+) -> NDArray[np.float64]:
     """Points that have to be in the picture: branches at both sides, hulls, and the scan but for strays."""
     parts = [*_surface(tree.graph), *(cluster.vertices for cluster in tree.clusters)]
+    parts += [part.mesh.vertices for part in more]
     if cloud is not None:
         xyz = cloud[0]
         low, high = np.quantile(xyz, (STRAY_SHARE, 1.0 - STRAY_SHARE), axis=0)
@@ -94,14 +98,18 @@ def _surface(graph: TreeGraph) -> list[NDArray[np.float64]]:
 
 
 def tree_layers(
-    tree: ClusterTree, camera: Camera, size: tuple[int, int], settings: MeshSettings | None
+    tree: ClusterTree,
+    camera: Camera,
+    size: tuple[int, int],
+    settings: MeshSettings | None,
+    more: Sequence[Part] = (),
 ) -> list[Layer]:
-    """Wood and hulls as layers; branches thinner than a sample are thickened to one."""
+    """Wood, hulls and `more` as layers; branches thinner than a sample are thickened to one."""
     settings = settings or PREVIEW_MESH
     depth = float((np.median(tree.graph.position, axis=0) - camera.eye) @ camera.axes[2])
     pixel = depth / camera.focal(size[1])
     settings = replace(settings, min_radius=max(THIN_BRANCH * pixel, settings.min_radius))
-    layers = [_part_layer(part) for part in tree_parts(tree, settings) if len(part.mesh.faces)]
+    layers = [_part_layer(part) for part in (*tree_parts(tree, settings), *more) if len(part.mesh.faces)]
     if not layers:
         raise InputError("there is nothing to draw: the tree has neither branches nor clusters")
     return layers

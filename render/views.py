@@ -18,6 +18,7 @@ from render.camera import Camera, fit_camera, view_axes
 from render.errors import NoPreviewError
 from render.lighting import Layer, Rays
 from render.mesh import MeshSettings
+from render.parts import Part
 from render.picture import Stage, draw_picture
 from render.scene import (
     broad_side,
@@ -76,6 +77,7 @@ def preview(
     captions: bool = True,
     renderer: str = "auto",
     settings: MeshSettings | None = None,
+    more: Sequence[Part] = (),
 ) -> Preview:
     """Draw a tree, and its scan beside it if there is one.
 
@@ -105,6 +107,8 @@ def preview(
         ``"gl"`` insists on OpenGL.
     settings : MeshSettings, optional
         How finely the branches are meshed.
+    more : sequence of Part
+        What else is drawn with the tree: leaves, neighbours, obstacles. Opaque ones first.
 
     Returns
     -------
@@ -122,14 +126,14 @@ def preview(
     _check_view(size, azimuth, elevation, renderer, path)
     starting = _start_gl(renderer)
     cloud = None if scan is None else pick_points(scan)
-    outline = find_outline(tree, cloud)
+    outline = find_outline(tree, cloud, more)
     axes = view_axes(broad_side(outline) if azimuth is None else azimuth, elevation)
     n_panels = 1 if cloud is None else 2
     panel, width = choose_panels(size, n_panels, outline, axes)
     framed = np.concatenate([outline, foot_points(outline, tree)])
     camera = fit_camera(framed, axes, *panel, bottom=CAPTION_ROOM if captions else MARGIN)
     stage = set_stage(outline, tree)
-    scenes = [tree_layers(tree, camera, panel, settings)]
+    scenes = [tree_layers(tree, camera, panel, settings, more)]
     if cloud is not None:
         scenes.insert(0, [scan_layer(*cloud, camera, panel)])
     starting.join()
@@ -152,6 +156,7 @@ def turntable(
     elevation: float = ELEVATION,
     renderer: str = "auto",
     settings: MeshSettings | None = None,
+    more: Sequence[Part] = (),
 ) -> Preview:
     """Draw a tree from all sides: an animated GIF, or one PNG per frame.
 
@@ -165,7 +170,7 @@ def turntable(
         Pictures in one turn, 1 to 720.
     seconds : float
         Time of one turn in the GIF, > 0.
-    size, elevation, renderer, settings
+    size, elevation, renderer, settings, more
         As in :func:`preview`; the size is that of every frame.
 
     Returns
@@ -187,11 +192,11 @@ def turntable(
     if path.suffix.lower() not in ("", ".gif"):
         raise InputError(f"a turntable is written to NAME.gif or to a folder, got {path.name!r}")
     starting = _start_gl(renderer)
-    outline = find_outline(tree, None)
+    outline = find_outline(tree, None, more)
     stage = set_stage(outline, tree)
     first = broad_side(outline)
     camera = fit_camera(revolve(outline, stage), view_axes(0.0, elevation), *size)
-    layers = tree_layers(tree, camera, size, settings)
+    layers = tree_layers(tree, camera, size, settings, more)
     starting.join()
     images, used, notice, sky = [], "", None, None
     for k in range(frames):

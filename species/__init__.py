@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from species.foliage import LeafSet, gather_clusters, place_leaves
     from species.growth import (
         GrownTree,
         GrowthSettings,
@@ -33,15 +34,18 @@ _LAZY = {
     "GrowthParameters": "parameters",
     "GrowthSettings": "growth",
     "History": "growth",
+    "LeafSet": "foliage",
     "Plant": "growth",
     "Preset": "parameters",
     "Site": "growth",
     "find_preset": "parameters",
     "format_growth": "parameters",
+    "gather_clusters": "foliage",
     "grow": "growth",
     "grow_many": "growth",
     "grow_stand": "growth",
     "parameter_table": "parameters",
+    "place_leaves": "foliage",
     "presets": "parameters",
     "read_growth": "parameters",
 }
@@ -51,15 +55,18 @@ __all__ = [
     "GrowthParameters",
     "GrowthSettings",
     "History",
+    "LeafSet",
     "Plant",
     "Preset",
     "Site",
     "find_preset",
     "format_growth",
+    "gather_clusters",
     "grow",
     "grow_many",
     "grow_stand",
     "parameter_table",
+    "place_leaves",
     "presets",
     "read_growth",
 ]

@@ -251,7 +251,7 @@ def leaf_area(nodes, i, is_tip, stand, year):
         return 0.0
     young = nodes.birth[i] > year - stand.settings[LEAF_CYCLES]
     if young or (is_tip and nodes.buds[i, 0] == DORMANT):
-        return stand.settings[FOLIAGE] * nodes.length[i] * nodes.length[i]
+        return stand.settings[FOLIAGE] * nodes.length[i] * stand.parameter[nodes.plant[i], IBL]
     return 0.0
 
 
@@ -612,7 +612,7 @@ def weigh(nodes, n, alive, stand, year, moment):
         nodes.radius[i] = nodes.pipe[i] ** (1.0 / exponent)
         if parent < 0:
             continue
-        area = stand.settings[FOLIAGE] * nodes.length[i] ** 2
+        area = stand.settings[FOLIAGE] * nodes.length[i] * stand.parameter[nodes.plant[i], IBL]
         leafy = not has_child[i] or nodes.birth[i] > year - stand.settings[LEAF_CYCLES]
         own = stand.settings[WOOD_DENSITY] * math.pi * nodes.radius[i] ** 2 * nodes.length[i]
         own += stand.settings[LEAF_DENSITY] * area if leafy else 0.0

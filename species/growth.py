@@ -63,8 +63,8 @@ class GrowthSettings:
 
     Attributes
     ----------
-    foliage : float, default 1.25
-        Leaf area of a leafy internode as a multiple of its squared length, m2/m2, 0 to 20.
+    foliage : float, default 0.8
+        Leaf area of a leafy internode as a multiple of its length times IBL, m2/m2, 0 to 20.
     leaf_cycles : int, default 2
         Cycles for which an internode bears leaves, 1 to 20; tips with a living bud always do.
     tip_share : float, default 0.01
@@ -92,7 +92,7 @@ class GrowthSettings:
         If a value is out of its range.
     """
 
-    foliage: float = _range(0, 20, "m2/m2", 1.25)
+    foliage: float = _range(0, 20, "m2/m2", 0.8)
     leaf_cycles: int = _range(1, 20, "cycles", 2)
     tip_share: float = _range(0.0005, 0.2, "of IBL", 0.01)
     pipe_exponent: float = _range(1.5, 4, "", 2.49)
@@ -635,11 +635,12 @@ def _attributes(
     apical = np.where(nodes.buds[kept, 0] == kernels.SPENT, 0, nodes.buds[kept, 0]).astype(np.uint8)
     living = (nodes.buds[kept, 1:] == kernels.DORMANT).sum(axis=1).astype(np.uint8)
     young = nodes.birth[kept] > year - 1 - settings.leaf_cycles
+    full_length = stand.parameter[nodes.plant[kept], kernels.IBL]
     leafy = (nodes.parent[kept] >= 0) & (young | (tip[kept] & (apical == kernels.DORMANT)))
     return {
         "bud": apical,
         "lateral_buds": living,
         "mass": nodes.mass[kept],
         "light": nodes.light[kept],
-        "leaf_area": np.where(leafy, settings.foliage * nodes.length[kept] ** 2, 0.0),
+        "leaf_area": np.where(leafy, settings.foliage * nodes.length[kept] * full_length, 0.0),
     }
