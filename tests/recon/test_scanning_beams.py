@@ -137,7 +137,7 @@ def test_an_obstacle_hides_exactly_what_is_behind_it(obstacle):
     else:
         turn = way / np.linalg.norm(way, axis=1, keepdims=True)
         hidden = solid.blocks(np.array(STATION), turn)
-        slack = 0.002 if obstacle == "ball" else 1e-6  # the ball is a polyhedron
+        slack = 4e-4 if obstacle == "ball" else 1e-6  # the ball is a polyhedron
         aside = slack * np.concatenate([np.eye(3), -np.eye(3)])
         moved = [solid.blocks(np.array(STATION), turn + shift) for shift in aside]
         edge = np.any([m != hidden for m in moved], axis=0)
@@ -146,7 +146,7 @@ def test_an_obstacle_hides_exactly_what_is_behind_it(obstacle):
     seen = np.isin(free.ray, both.ray[left])
     wrong = (seen == hidden) & ~edge
     assert wrong.sum() <= 2  # a ray along the edge of a leaf may go either way in single precision
-    assert edge.sum() < 0.03 * len(free)
+    assert edge.sum() < 0.04 * len(free)
     assert np.isin(free.ray[hidden & ~edge], both.ray[~left]).all()
     same = np.isin(free.ray, both.ray[left]) & ~wrong
     mine = both.xyz[left][np.isin(both.ray[left], free.ray[same])]
@@ -297,7 +297,7 @@ def test_wind_differs_from_station_to_station_and_line_to_line():
     middle = np.array([scan.xyz[leaf & (per_line == k), 0].mean() for k in np.unique(per_line[leaf])[20:-20]])
     assert 0.01 < middle.std() < 0.1  # moments differ
     change = [(middle[k:] - middle[:-k]).std() for k in (8, 3, 5)]
-    assert 1.5 * change[0] < min(change[1:])  # and take turns, eight of them
+    assert 1.3 * change[0] < min(change[1:])  # and take turns, eight of them
     both = [scan.xyz[leaf & (scan.station == k), 0].mean() for k in (0, 1)]
     assert abs(both[0] - both[1]) > 1e-4
 
