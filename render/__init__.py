@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from render.objmesh import write_obj
     from render.parts import Material, Part, hull_mesh, tree_parts
     from render.plymesh import write_ply
-    from render.views import Preview, preview, turntable
+    from render.views import Preview, preview, turntable, write_gif
 
 _LAZY = {
     "DETAIL": "mesh",
@@ -34,6 +34,7 @@ _LAZY = {
     "preview": "views",
     "tree_parts": "parts",
     "turntable": "views",
+    "write_gif": "views",
     "write_glb": "gltf",
     "write_obj": "objmesh",
     "write_ply": "plymesh",
@@ -56,6 +57,7 @@ __all__ = [
     "preview",
     "tree_parts",
     "turntable",
+    "write_gif",
     "write_glb",
     "write_obj",
     "write_ply",

@@ -36,7 +36,7 @@ from render.software import SoftwareRenderer
 from treegraph import ClusterTree, InputError
 from treegraph._files import write_whole
 
-__all__ = ["Preview", "preview", "turntable"]
+__all__ = ["Preview", "preview", "turntable", "write_gif"]
 
 RENDERERS = ("auto", "gl", "software")
 ELEVATION = float(np.radians(9.0))
@@ -309,6 +309,29 @@ def _encoded(image: NDArray[np.uint8], suffix: str) -> bytes:
     else:
         Image.fromarray(image).save(out, "JPEG", quality=92)
     return out.getvalue()
+
+
+def write_gif(
+    path: str | os.PathLike[str], images: Sequence[NDArray[np.uint8]], *, seconds: float = 0.2
+) -> None:
+    """Write pictures of one size as an animated GIF; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    images : sequence of (h, w, 3) uint8
+        At least one.
+    seconds : float
+        For which each is shown; at least 0.02.
+
+    Raises
+    ------
+    InputError
+        If there is no picture, or they differ in size.
+    """
+    if not images or any(image.shape != images[0].shape for image in images):
+        raise InputError("an animation takes one or more pictures of one size")
+    write_whole(path, _gif(images, seconds))
 
 
 def _gif(images: Sequence[NDArray[np.uint8]], seconds: float) -> bytes:

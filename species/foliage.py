@@ -25,7 +25,8 @@ GOLDEN_ANGLE = float(np.pi * (3.0 - np.sqrt(5.0)))
 LIFT = 0.35  # how much leaves turn up, over how much they turn outwards
 TILT = 0.6  # standard deviation of a leaf's turn about its own axis, radians
 HULL_DIRECTIONS = 42  # in which the extent of a cluster is taken: at most 80 faces
-CELL_GROWTH = 1.26
+NODES_PER_CLUSTER = 12
+ROUNDS = 12  # of k-means
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ def place_leaves(
 
 
 def gather_clusters(tree: TreeGraph, leaves: LeafSet, *, most: int = 64) -> tuple[Cluster, ...]:
-    """Gather leaves into clusters: what lies in one cell of a cubic grid, in its convex hull.
+    """Gather leaves into clusters: those nearest to one of some evenly spread middles, in their convex hull.
 
     Parameters
     ----------
@@ -136,37 +137,54 @@ def gather_clusters(tree: TreeGraph, leaves: LeafSet, *, most: int = 64) -> tupl
     leaves : LeafSet
         Of this tree.
     most : int, default 64
-        Most clusters; the grid is as fine as that allows, but no finer than two lengths of a leafy segment.
+        Most clusters; there is one for every 12 leafy nodes up to this number.
 
     Returns
     -------
     clusters : tuple of Cluster
         Each with a closed hull of at most 80 faces. Its seeds are the leafy nodes whose parents bear no
         leaves of the same cluster. Fewer than four leaves, or leaves in one plane, make no cluster.
+
+    Notes
+    -----
+    The middles are those of k-means, begun at nodes that are farthest from each other. No chance is in it.
     """
     if not leaves.n_leaves:
         return ()
-    length = np.linalg.norm(tree.position - tree.position[np.maximum(tree.parent, 0)], axis=1)
-    size = 2.0 * float(np.median(length[np.unique(leaves.node)]))
-    place = tree.position[leaves.node]
-    while True:
-        cell, label = np.unique(np.floor(place / size).astype(np.int64), axis=0, return_inverse=True)
-        if len(cell) <= most:
-            break
-        size *= CELL_GROWTH
-    label = label.reshape(-1)
-    tips = leaves.base + leaves.length[:, None] * leaves.along
+    leafy, which = np.unique(leaves.node, return_inverse=True)
+    group = _group(tree.position[leafy], min(most, max(1, len(leafy) // NODES_PER_CLUSTER)))
     home = np.full(tree.n_nodes, -1)
-    home[leaves.node] = label
+    home[leafy] = group
     first = (tree.parent == NO_PARENT) | (home != home[np.maximum(tree.parent, 0)])
+    label = group[which.reshape(-1)]
+    tips = leaves.base + leaves.length[:, None] * leaves.along
     out = []
-    for k in range(len(cell)):
+    for k in range(group.max() + 1):
         mine = label == k
         hull = _hull(np.concatenate([leaves.base[mine], tips[mine]]))
         if hull is not None:
             seeds = np.flatnonzero((home == k) & first)
             out.append(Cluster(*hull, seed=seeds.astype(np.int32), density=float("nan"), n_points=0))
     return tuple(out)
+
+
+def _group(points: NDArray[np.float64], k: int) -> NDArray[np.int64]:
+    """Number of the nearest of k middles for each point: k-means from points far from each other."""
+    from scipy.spatial import cKDTree
+
+    middle = points[[np.argmin(points[:, 2])]]
+    gap = np.linalg.norm(points - middle[0], axis=1)
+    for _ in range(k - 1):
+        farthest = points[np.argmax(gap)]
+        middle = np.vstack([middle, farthest])
+        gap = np.minimum(gap, np.linalg.norm(points - farthest, axis=1))
+    label = np.zeros(len(points), np.int64)
+    for _ in range(ROUNDS):
+        label = cKDTree(middle).query(points)[1]
+        count = np.bincount(label, minlength=len(middle))
+        total = np.stack([np.bincount(label, points[:, c], len(middle)) for c in range(3)], axis=1)
+        middle = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], middle)
+    return label
 
 
 def _hull(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:

@@ -19,6 +19,7 @@ import typer  # noqa: E402
 from sapwood.cli import options as o  # noqa: E402
 from sapwood.cli.decode import decode  # noqa: E402
 from sapwood.cli.doctor import doctor  # noqa: E402
+from sapwood.cli.grow import grow  # noqa: E402
 from sapwood.cli.info import info  # noqa: E402
 from sapwood.cli.preview import preview  # noqa: E402
 from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
@@ -34,6 +35,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "decode": decode,
     "preview": preview,
     "info": info,
+    "grow": grow,
     "doctor": doctor,
 }
 
