@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib import resources
@@ -138,9 +138,16 @@ class GrowthParameters:
             object.__setattr__(self, entry.name, _checked(entry, getattr(self, entry.name)))
 
     def replace(self, **changes: float) -> GrowthParameters:
-        """The same with some of the parameters changed, by their names or their symbols."""
+        """The same with some of the parameters changed, by their names or their symbols.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or a value out of its range.
+        """
         names = {entry.metadata["symbol"]: entry.name for entry in fields(self)}
         named: dict[str, Any] = {names.get(key, key): value for key, value in changes.items()}
+        _check_names(named, list(names.values()))
         return replace(self, **named)
 
     def symbols(self) -> dict[str, float]:
@@ -216,15 +223,21 @@ def parameter_table() -> list[dict[str, Any]]:
     ]
 
 
+def _check_names(values: Iterable[str], known: Iterable[str]) -> None:
+    """Raise InputError about the first name that is not known, with the nearest that is."""
+    from difflib import get_close_matches
+
+    known = list(known)
+    for key in values:
+        if key not in known:
+            near = get_close_matches(key, known, 1, 0.4)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"there is no growth parameter {key!r}{hint}")
+
+
 def _complete(values: Mapping[str, Any], known: Mapping[str, Any]) -> Mapping[str, Any]:
     """The values, if every known name is there and no other."""
-    unknown = [key for key in values if key not in known]
-    if unknown:
-        from difflib import get_close_matches
-
-        near = get_close_matches(unknown[0], list(known), 1, 0.4)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"there is no growth parameter {unknown[0]!r}{hint}")
+    _check_names(values, known)
     missing = [key for key in known if key not in values]
     if missing:
         raise InputError(
