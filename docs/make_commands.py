@@ -116,6 +116,9 @@ JSON_FIELDS = {
     "info": "`input`, `kind` (`tree` or `scan`), and the facts that are printed, `notes` among them. "
     "Of a tree they are taken from the file alone, to its precision: `height_m` is that of wood and hulls, "
     "where the report of `reconstruct` has that of the points.",
+    "grow": "`kind`, `age` (cycles grown), `status` (`grown` or `node limit`), `nodes`, `height_m` and "
+    "`leaf_area_m2` of the tree, `trees` (it and its neighbours), `seed`, `files`, `seconds`. Of a .toml "
+    "only `kind`, `age` and `files`.",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
 }
 

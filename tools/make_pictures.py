@@ -1,4 +1,4 @@
-"""Draw the README's pictures: the sample scans beside what the real command makes of them.
+"""Draw the pictures of README and docs: the sample scans beside what is made of them, and grown trees.
 
 Writes docs/pictures/NAME.png, small enough for a page and a repository.
 """
@@ -17,6 +17,10 @@ from demo import ROOT, RUNS
 
 FOLDER = ROOT / "docs" / "pictures"
 HEIGHT = 512  # pixels
+PANEL = 300  # pixels, width of one grown tree
+SEED = 3
+AGES = (5, 10, 15, 20, 25, 30)
+AZIMUTH, SIDE = 0.3, -1.5708  # radians
 
 
 def shrink(source: Path, target: Path) -> None:
@@ -25,6 +29,42 @@ def shrink(source: Path, target: Path) -> None:
         width = round(picture.width * HEIGHT / picture.height)
         small = picture.convert("RGB").resize((width, HEIGHT), Image.Resampling.LANCZOS)
     small.save(target, optimize=True)
+
+
+def grown_trees() -> None:
+    """The six trees of figure 6, the ages of one of them, and what a wall does to it."""
+    from sapwood.growing import Request, draw_grown, grow_group
+    from sapwood.obstacles import parse_obstacle
+    from species import find_preset, presets
+
+    look = {"size": (PANEL, round(1.25 * PANEL)), "captions": False}
+    groups = [grow_group(Request(kind, SEED)) for kind in presets().values()]
+    save_row("figure6.png", [draw_grown(group, azimuth=AZIMUTH, **look).image for group in groups], columns=3)
+    kind = find_preset("F6f")
+    oldest = grow_group(Request(kind, SEED), AGES[-1])
+    ages = [grow_group(Request(kind, SEED), age) for age in AGES]
+    save_row(
+        "ages.png",
+        [draw_grown(group, frame=oldest, azimuth=AZIMUTH, **look).image for group in ages],
+        columns=len(AGES) // 2,
+    )
+    walls = ["", "box:1.5,-15,0,0.3,30,6", "wall:x=1.5"]
+    scenes = [
+        grow_group(Request(find_preset("F6b"), SEED, tuple(parse_obstacle(w) for w in [wall] if w)))
+        for wall in walls
+    ]
+    save_row("wall.png", [draw_grown(group, azimuth=SIDE, **look).image for group in scenes], columns=3)
+
+
+def save_row(name: str, images: list, columns: int) -> None:
+    """Write panels of one size as one picture."""
+    import numpy as np
+
+    rows = [np.concatenate(images[k : k + columns], axis=1) for k in range(0, len(images), columns)]
+    Image.fromarray(np.concatenate(rows)).quantize(256, dither=Image.Dither.NONE).save(
+        FOLDER / name, optimize=True
+    )
+    print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
 
 
 def main() -> None:
@@ -38,6 +78,7 @@ def main() -> None:
                 name = f"{Path(scan).stem}.png"
                 shrink(Path(folder) / name, FOLDER / name)
                 print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
+    grown_trees()
 
 
 if __name__ == "__main__":

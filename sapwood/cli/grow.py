@@ -95,8 +95,8 @@ Series = Annotated[
 
 
 def grow(
+    output: Output,
     kind: Kind = None,
-    output: Output = ...,  # type: ignore[assignment]
     preset: PresetName = None,
     age: Age = None,
     changes: Changes = None,
