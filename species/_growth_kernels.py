@@ -75,6 +75,7 @@ class Stand(NamedTuple):
     parameter: np.ndarray  # (plants, 24)
     planted: np.ndarray  # (plants,) int32: year
     base_z: np.ndarray  # (plants,)
+    corner: np.ndarray  # (3,) where the grid of leaf clusters begins
     settings: np.ndarray  # (N_SETTINGS,)
     static_leaves: np.ndarray  # (k, 5) x, y, z, radius, translucency
     branches: np.ndarray  # as the light kernel wants them
@@ -259,7 +260,7 @@ def leaf_area(nodes, i, is_tip, stand, year):
 def kill_buds(nodes, n, stand, year):
     """Buds die by chance."""
     for i in range(n):
-        if nodes.death[i] != ALIVE:
+        if nodes.death[i] != ALIVE or year < stand.planted[nodes.plant[i]]:
             continue
         parameter = stand.parameter[nodes.plant[i]]
         for k in range(nodes.buds.shape[1]):
@@ -270,7 +271,7 @@ def kill_buds(nodes, n, stand, year):
 
 @_jit
 def cell_of(x, y, z, size):
-    """A number for the cell of a cubic grid that holds a point."""
+    """A number for the cell of a cubic grid that holds a point, counted from a corner."""
     a = np.int64(math.floor(x / size)) & 0x1FFFFF
     b = np.int64(math.floor(y / size)) & 0x1FFFFF
     c = np.int64(math.floor(z / size)) & 0x1FFFFF
@@ -288,7 +289,7 @@ def place_of(table, keys, key):
 
 
 @_jit
-def group(position, member, n, size, most, label, keys):
+def group(position, member, n, corner, size, most, label, keys):
     """Number the occupied cells in the order of their first member; -1 if there are more than `most`."""
     bits = 4
     while (1 << bits) < 2 * min(n, most) + 2:
@@ -298,7 +299,8 @@ def group(position, member, n, size, most, label, keys):
     for i in range(n):
         if not member[i]:
             continue
-        key = cell_of(position[i, 0], position[i, 1], position[i, 2], size)
+        x, y, z = position[i, 0] - corner[0], position[i, 1] - corner[1], position[i, 2] - corner[2]
+        key = cell_of(x, y, z, size)
         at = place_of(table, keys, key)
         if table[at] < 0:
             if count == most:
@@ -342,7 +344,7 @@ def find_probes(nodes, n, stand, size, year):
     area_of = np.zeros(n)
     mark_tips(nodes, n, tip)
     for i in range(n):
-        if nodes.death[i] != ALIVE:
+        if nodes.death[i] != ALIVE or year < stand.planted[nodes.plant[i]]:
             continue
         area_of[i] = leaf_area(nodes, i, tip[i], stand, year - 1)  # as they stood last summer
         leafy[i] = area_of[i] > 0.0
@@ -352,10 +354,10 @@ def find_probes(nodes, n, stand, size, year):
     label = np.full(n, -1, np.int32)
     most = int(stand.settings[MAX_CLUSTERS])
     keys = np.empty(most, np.int64)
-    count = group(nodes.position, leafy, n, size, most, label, keys)
+    count = group(nodes.position, leafy, n, stand.corner, size, most, label, keys)
     while count < 0:
         size *= CELL_GROWTH
-        count = group(nodes.position, leafy, n, size, most, label, keys)
+        count = group(nodes.position, leafy, n, stand.corner, size, most, label, keys)
     area = np.zeros(count)
     center = np.zeros((count, 3))
     for i in range(n):
@@ -368,7 +370,7 @@ def find_probes(nodes, n, stand, size, year):
     packed, total = pack_clusters(center, area, size, stand)
     of_node = np.full(n, -1, np.int32)
     probe_keys = np.empty(n, np.int64)
-    n_probes = group(nodes.position, wanted, n, 0.5 * size, n, of_node, probe_keys)
+    n_probes = group(nodes.position, wanted, n, stand.corner, 0.5 * size, n, of_node, probe_keys)
     point = np.zeros((n_probes, 3))
     members = np.zeros(n_probes)
     own = np.full(n_probes, -1, np.int64)
@@ -565,7 +567,7 @@ def let_fall(nodes, n, fallen, stamp):
             nodes.death[i] = nodes.death[parent]
         elif fallen[i]:
             nodes.death[i] = stamp
-            if parent >= 0 and 2 * nodes.birth[i] + LATE < stamp:
+            if parent >= 0 and 2 * nodes.birth[i] + LATE <= stamp:  # else it was never weighed
                 nodes.spent[parent] += nodes.pipe[i]
 
 
@@ -789,7 +791,7 @@ def highest_orders(nodes, n, n_plants):
 def grow_cycle(nodes, n, stand, year, count, probes, area_of, amount, vector):
     """A cycle from the light on, up to the shoots. Returns the number of nodes and how it went.
 
-    With FULL or NODE_LIMIT nothing has grown, and the cycle can be begun anew.
+    With FULL or NODE_LIMIT nothing has grown: with buds and light put back, the cycle can be begun anew.
     """
     spread_light(nodes, n, stand, probes, area_of, amount)
     max_order, living = highest_orders(nodes, n, stand.parameter.shape[0])
@@ -817,6 +819,7 @@ def run(nodes, n, stand, size, first, last):
     seen = np.empty((0, 0), np.float32)
     count = np.zeros((nodes.parent.size, nodes.buds.shape[1]), np.int32)
     for year in range(first, last):
+        buds, light = nodes.buds[:n].copy(), nodes.light[:n].copy()
         kill_buds(nodes, n, stand, year)
         probes, area_of = find_probes(nodes, n, stand, size, year)
         size = probes.size
@@ -825,6 +828,7 @@ def run(nodes, n, stand, size, first, last):
         look(probes, stand, seen, amount, vector)
         n, status = grow_cycle(nodes, n, stand, year, count, probes, area_of, amount, vector)
         if status != GROWN:
+            nodes.buds[:n], nodes.light[:n] = buds, light
             return n, year, size, status
         n = finish_cycle(nodes, n, stand, year)
     return n, last, size, GROWN
@@ -854,6 +858,6 @@ def replay_year(nodes, n, stand, death, year):
         parent = nodes.parent[i]
         if alive[i] and death[i] == late:
             alive[i] = False
-            if death[parent] != late and nodes.birth[i] < year:
+            if death[parent] != late:
                 nodes.spent[parent] += nodes.pipe[i]
     return alive

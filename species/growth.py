@@ -50,6 +50,7 @@ NODE_LIMIT = "node limit"
 FIRST_ROOM = 512  # nodes for which there is room at first
 HISTORY_ROOM = 16  # dead and living nodes of a kept history, as a multiple of max_nodes
 MOST_CLUSTERS = 1024
+GRID_SHIFT = 0.3  # of a cell, from the grid's corner to the first foot: no upright trunk along a cell's edge
 ANGLES = {"BAM": 1, "RAM": 1, "AAV": 2, "BAV": 2, "RAV": 2}  # 1: an angle, 2: a variance
 
 
@@ -427,7 +428,7 @@ def _run(nodes: Any, n: int, stand: Any, meshes: list[Any], settings: GrowthSett
     from species import _growth_kernels as kernels
 
     year, status = 0, kernels.GROWN
-    size = kernels.CELLS_PER_INTERNODE * float(stand.parameter[:, kernels.IBL].max())
+    size = _first_cell(stand.parameter)
     run = _run_among_meshes if meshes else _run_compiled
     while year < years:
         n, year, size, status = run(nodes, n, stand, meshes, size, year, years)
@@ -439,6 +440,13 @@ def _run(nodes: Any, n: int, stand: Any, meshes: list[Any], settings: GrowthSett
             break
         nodes = kernels.Nodes(*(_more_room(array, n, room) for array in nodes))
     return nodes, n, year, status
+
+
+def _first_cell(parameter: NDArray[np.float64]) -> float:
+    """Edge of a leaf cluster's cell at first, metres."""
+    from species import _growth_kernels as kernels
+
+    return kernels.CELLS_PER_INTERNODE * float(parameter[:, kernels.IBL].max())
 
 
 def _run_compiled(
@@ -458,6 +466,7 @@ def _run_among_meshes(
 
     count = np.zeros((len(nodes.parent), nodes.buds.shape[1]), np.int32)
     for year in range(first, last):
+        buds, light = nodes.buds[:n].copy(), nodes.light[:n].copy()
         kernels.kill_buds(nodes, n, stand, year)
         probes, area_of = kernels.find_probes(nodes, n, stand, size, year)
         size = probes.size
@@ -465,6 +474,7 @@ def _run_among_meshes(
         kernels.look(probes, stand, _seen_past(meshes, probes.point, stand.fine), amount, vector)
         n, status = kernels.grow_cycle(nodes, n, stand, year, count, probes, area_of, amount, vector)
         if status != kernels.GROWN:
+            nodes.buds[:n], nodes.light[:n] = buds, light
             return n, year, size, status
         _cut_at_meshes(nodes, n, meshes, 2 * year + kernels.EARLY)
         n = kernels.finish_cycle(nodes, n, stand, year)
@@ -482,6 +492,8 @@ def _cut_at_meshes(nodes: Any, n: int, meshes: list[Any], stamp: int) -> None:
     for mesh in meshes:
         fallen[living] |= mesh.crosses(start, end)
     if fallen.any():
+        if stamp % 2 == kernels.EARLY:  # shoots stop before it
+            nodes.buds[nodes.parent[:n][fallen], nodes.bud_of[:n][fallen]] = kernels.DEAD
         kernels.let_fall(nodes, n, fallen, stamp)
 
 
@@ -504,10 +516,12 @@ def _make_stand(
     numbers[kernels.UNIT_TRANSLUCENCY] = light.UNIT_TRANSLUCENCY
     numbers[kernels.UNIT_LEAF_DENSITY] = UNIT_LEAF_DENSITY
     numbers[kernels.KEEP_ALL] = history
+    parameter = np.array([_si(plant.parameters) for plant in plants])
     stand = kernels.Stand(
-        parameter=np.array([_si(plant.parameters) for plant in plants]),
+        parameter=parameter,
         planted=np.array([plant.planted for plant in plants], np.int32),
         base_z=np.array([plant.position[2] for plant in plants]),
+        corner=np.array(plants[0].position) - GRID_SHIFT * _first_cell(parameter),
         settings=numbers,
         static_leaves=np.column_stack([leaves.center, leaves.radius, leaves.translucency]),
         branches=branches,
