@@ -131,9 +131,11 @@ def main() -> int:
     """Print the table."""
     parser = ArgumentParser(description=__doc__)
     parser.add_argument("--only", choices=["single", "footprint"])
+    parser.add_argument("--rays", type=int, default=N_RAYS)
+    parser.add_argument("--faces", type=int, default=N_FACES)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows = measure(options.only)
+    rows = measure(options.only, options.faces, options.rays)
     if options.json:
         print(json.dumps(rows, indent=2))
         return 0

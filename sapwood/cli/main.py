@@ -23,6 +23,7 @@ from sapwood.cli.grow import grow  # noqa: E402
 from sapwood.cli.info import info  # noqa: E402
 from sapwood.cli.preview import preview  # noqa: E402
 from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
+from sapwood.cli.scan import scan  # noqa: E402
 from sapwood.cli.terminal import Terminal  # noqa: E402
 from sapwood.text import one_line  # noqa: E402
 
@@ -36,6 +37,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "preview": preview,
     "info": info,
     "grow": grow,
+    "scan": scan,
     "doctor": doctor,
 }
 
