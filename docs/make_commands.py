@@ -120,8 +120,8 @@ JSON_FIELDS = {
     "`leaf_area_m2` of the tree, `trees` (it and its neighbours), `seed`, `files`, `seconds`. Of a .toml "
     "only `kind`, `age` and `files`.",
     "scan": "`input`, `output`, `points`, `rays`, `stations` (strips, tracks), `faces` of the scene, "
-    "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than a third of the "
-    "separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "
+    "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than "
+    "a third of the separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "
     "[scanning.md](scanning.md).",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
 }
