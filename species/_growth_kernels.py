@@ -140,7 +140,7 @@ def normal(key, purpose, bud):
 def internodes_of_shoot(parameter, age, order, max_order):
     """Eq. 1 with its age factor, rounded to the nearest whole number."""
     control = parameter[AC] * parameter[AC_AF] ** age
-    level = order if control > 1.0 else order - max_order
+    level = float(order if control > 1.0 else order - max_order)  # a whole exponent would not give inf
     return int(math.floor(parameter[GR] / control**level + 0.5))
 
 
