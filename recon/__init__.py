@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from recon.encoding import EncodeReport, EncodeSettings, Encoding, encode, encode_with_report
     from recon.preparing import Prepared, PrepareSettings, prepare
     from recon.reading import read_cloud
+    from recon.scan_paths import Sweep, airborne_sweeps, mobile_sweep, station_sweeps, stations_around
+    from recon.scan_scenes import Scene, ground_scene, join_scenes, make_scene, obstacle_scene
+    from recon.scanning import Beam, Scan, scan_mesh, scan_scene
 
 _LAZY = {
     "Cloud": "cloud",
@@ -24,20 +27,48 @@ _LAZY = {
     "PrepareSettings": "preparing",
     "prepare": "preparing",
     "read_cloud": "reading",
+    "Beam": "scanning",
+    "Scan": "scanning",
+    "Scene": "scan_scenes",
+    "Sweep": "scan_paths",
+    "airborne_sweeps": "scan_paths",
+    "ground_scene": "scan_scenes",
+    "join_scenes": "scan_scenes",
+    "make_scene": "scan_scenes",
+    "mobile_sweep": "scan_paths",
+    "obstacle_scene": "scan_scenes",
+    "scan_mesh": "scanning",
+    "scan_scene": "scanning",
+    "station_sweeps": "scan_paths",
+    "stations_around": "scan_paths",
 }
 
 __all__ = [
+    "Beam",
     "Cloud",
     "EncodeReport",
     "EncodeSettings",
     "Encoding",
     "PrepareSettings",
     "Prepared",
+    "Scan",
+    "Scene",
+    "Sweep",
+    "airborne_sweeps",
     "as_cloud",
     "encode",
     "encode_with_report",
+    "ground_scene",
+    "join_scenes",
+    "make_scene",
+    "mobile_sweep",
+    "obstacle_scene",
     "prepare",
     "read_cloud",
+    "scan_mesh",
+    "scan_scene",
+    "station_sweeps",
+    "stations_around",
 ]
 
 

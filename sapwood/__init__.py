@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from sapwood.cylinders import cylinder_table
     from sapwood.measures import Measures
     from sapwood.pipeline import Reconstruction, reconstruct
+    from sapwood.scan_files import write_scan
+    from sapwood.scanning import scene_of
     from treegraph import read_lobes, write_lobes
 
 _LAZY = {
@@ -23,7 +25,9 @@ _LAZY = {
     "cylinder_table": "sapwood.cylinders",
     "read_lobes": "treegraph",
     "reconstruct": "sapwood.pipeline",
+    "scene_of": "sapwood.scanning",
     "write_lobes": "treegraph",
+    "write_scan": "sapwood.scan_files",
 }
 
 __all__ = [
@@ -33,7 +37,9 @@ __all__ = [
     "cylinder_table",
     "read_lobes",
     "reconstruct",
+    "scene_of",
     "write_lobes",
+    "write_scan",
 ]
 
 
