@@ -13,7 +13,7 @@ __all__ = ["Sweep", "airborne_sweeps", "mobile_sweep", "station_sweeps", "statio
 
 MIN_STEP, MAX_STEP = 1e-5, np.pi / 4.0  # radians between neighbouring rays
 FOOT_SHARE = 0.1  # of a mesh's height: what lies lower is its foot
-MAX_LINES = 10_000_000
+MAX_LINES = 1_000_000  # of a track or a strip: about 100 bytes each
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,7 @@ COMPONENT = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 51
 WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TRIANGLES, POINTS_AND_LINES = 4, (0, 1, 2, 3)
 MAX_NODES = 100_000  # of a glTF scene; more is no tree model
+MAX_FACES = 50_000_000  # a small file can show one mesh a hundred thousand times
 MAX_HEADER = 1 << 20  # bytes of a PLY header
 PLY_PART = re.compile(r"faces (\d{1,12}) to (\d{1,12}): (.+)")  # the comment with which Sapwood names parts
 BROKEN_GLTF = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
@@ -99,7 +100,14 @@ def read_mesh(
     if up is not None and up not in AXES:
         raise InputError(f"up must be one of {', '.join(AXES)}, got {up!r}")
     reader = {".glb": _read_glb, ".obj": _read_obj, ".ply": _read_ply}[suffix]
-    found = [part for part in reader(name, _read_bytes(name)) if len(part.faces)]
+    found: list[MeshPart] = []
+    n_faces = 0
+    for part in reader(name, _read_bytes(name)):
+        n_faces += len(part.faces)
+        if n_faces > MAX_FACES:
+            raise FormatError(f"{name}: the mesh has more than {MAX_FACES} triangles. Simplify it first.")
+        if len(part.faces):
+            found.append(part)
     if not found:
         raise InputError(f"{name}: there is no triangle in it; name the mesh of a tree.")
     return tuple(_checked(name, part, up or ("y" if suffix == ".glb" else "z"), scale) for part in found)
@@ -359,7 +367,10 @@ def _accessor(document: Any, binary: bytes, index: Any, width: int) -> NDArray[A
         raise ValueError("an accessor reaches beyond its buffer")
     if not count:
         return np.empty((0, width), kind)
-    return np.ndarray((count, width), kind, binary, first, (stride, kind.itemsize))
+    rows: NDArray[Any] = np.ndarray((count, width), kind, binary, first, (stride, kind.itemsize))
+    if accessor.get("normalized") and kind.kind in "iu":
+        return np.maximum(rows / np.iinfo(kind).max, -1.0)
+    return rows
 
 
 def _index(value: Any) -> int:

@@ -421,7 +421,7 @@ FAR = {"target": TARGET, "altitude": 50, "density": 1, "scan_angle": 0.1, "n_str
         (lambda: mobile_sweep([[0, 0, 0]], step=0.1, spacing=1), "track must have at least two corners"),
         (lambda: mobile_sweep([[0, 0, 0], [0, 0, 2]], step=0.1, spacing=1), "must not run straight up"),
         (lambda: mobile_sweep([[0, 0, 0], [1, 0, 0]], step=0.1, spacing=0), "spacing must be a positive"),
-        (lambda: mobile_sweep([[0, 0, 0], [1, 0, 0]], step=0.1, spacing=1e-9), "at most 10000000 profiles"),
+        (lambda: mobile_sweep([[0, 0, 0], [1, 0, 0]], step=0.1, spacing=1e-9), "at most 1000000 profiles"),
         (lambda: airborne_sweeps(TARGET, altitude=0.5, density=1, scan_angle=1), "altitude must be above"),
         (lambda: airborne_sweeps(TARGET, altitude=50, density=-1, scan_angle=1), "density must be"),
         (lambda: airborne_sweeps(TARGET, altitude=50, density=1, scan_angle=4), "scan_angle must be"),

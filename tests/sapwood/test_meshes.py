@@ -124,6 +124,31 @@ def test_turning_up_is_a_rotation(tmp_path, up):
     npt.assert_allclose(np.linalg.det(edge), 8 * np.linalg.det(TETRA[1:]), rtol=1e-12)  # not mirrored
 
 
+def test_quantised_positions_are_scaled(tmp_path):
+    document, _ = tetra_document(scale=[2, 2, 2])
+    quantised = np.rint(TETRA / 3.0 * 32767).astype("<i2")
+    binary = np.pad(quantised, ((0, 0), (0, 1))).tobytes() + FACES.astype("<u2").tobytes()
+    document["accessors"][0] |= {"componentType": 5122, "normalized": True}
+    document["bufferViews"][0] |= {"byteLength": 32, "byteStride": 8}
+    document["bufferViews"][1] |= {"byteOffset": 32}
+    (tmp_path / "q.glb").write_bytes(glb(document, binary))
+    (part,) = read_mesh(tmp_path / "q.glb", up="z")
+    npt.assert_allclose(part.vertices, 2.0 / 3.0 * TETRA, atol=1e-4)
+
+
+def test_one_mesh_shown_very_often_is_refused(tmp_path, monkeypatch):
+    from sapwood import meshes
+
+    document, binary = tetra_document()
+    document["nodes"] = [{"mesh": 0} for _ in range(30)]
+    document["scenes"][0]["nodes"] = list(range(30))
+    (tmp_path / "o.glb").write_bytes(glb(document, binary))
+    assert len(read_mesh(tmp_path / "o.glb")) == 30
+    monkeypatch.setattr(meshes, "MAX_FACES", 100)
+    with pytest.raises(FormatError, match="more than 100 triangles. Simplify it first"):
+        read_mesh(tmp_path / "o.glb")
+
+
 def test_obj_with_groups_polygons_and_negative_rows(tmp_path):
     path = tmp_path / "t.obj"
     path.write_text(
