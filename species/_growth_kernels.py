@@ -843,7 +843,9 @@ def replay_year(nodes, n, stand, death, year):
         early = 2 * year + EARLY
         if death[i] == early and parent >= 0 and death[parent] != early and nodes.birth[i] < year:
             nodes.spent[parent] += nodes.pipe[i]
-        alive[i] = nodes.birth[i] <= year and death[i] > early
+        alive[i] = (nodes.birth[i] <= year or parent < 0) and death[
+            i
+        ] > early  # seeds lie there from the start
         if alive[i] and nodes.birth[i] == year and parent >= 0:
             nodes.direction[i] = nodes.first_direction[i]
             nodes.side[i] = nodes.first_side[i]
