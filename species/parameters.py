@@ -196,9 +196,11 @@ def _checked(entry: Any, value: Any) -> float | int:
         number = float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, got {value!r}") from None
+    except OverflowError:  # a whole number of more than 308 digits
+        number = math.inf if value > 0 else -math.inf
     if isinstance(value, bool | str):
         raise InputError(f"{name} must be a number, got {value!r}")
-    if whole and number != math.floor(number):
+    if whole and not number.is_integer():
         raise InputError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
     if not low <= number <= high:
         raise InputError(f"{name} must be from {low} to {high}{' ' * bool(unit)}{unit}, got {number!r}")
@@ -316,7 +318,7 @@ def read_growth(path: str | os.PathLike[str]) -> Preset:
         )
     try:
         document = tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, numbers of thousands of digits
         raise FormatError(f"{name}: not a TOML file of growth parameters ({error})") from None
     table = document.get("growth", document)
     try:
@@ -329,13 +331,18 @@ def read_growth(path: str | os.PathLike[str]) -> Preset:
 
 def format_growth(preset: Preset) -> str:
     """The text of a TOML file that :func:`read_growth` reads back as the same preset."""
-    import json
-
-    lines = ["[growth]", f"name = {json.dumps(preset.name)}", f"age = {preset.age}"]
+    lines = ["[growth]", f"name = {_quoted(preset.name)}", f"age = {preset.age}"]
     if preset.what:
-        lines.append(f"what = {json.dumps(preset.what)}")
+        lines.append(f"what = {_quoted(preset.what)}")
     entries = {entry.name: entry.metadata for entry in fields(GrowthParameters)}
     for name, value in asdict(preset.parameters).items():
         about = entries[name]
         lines.append(f"{name} = {value!r}  # {about['symbol']}: {about['what']}")
     return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """A basic string of TOML: as JSON has it, but no pairs of surrogates, and DEL is escaped."""
+    import json
+
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
