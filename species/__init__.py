@@ -1,4 +1,4 @@
-"""What a species is: growth parameters and the developmental growth model.
+"""What a species is: growth parameters, the developmental growth model, and L-systems.
 
 Names that need compiled loops are imported when they are first used, so that ``import species``
 stays cheap.
@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from species.errors import DerivationError, GrammarError
     from species.foliage import LeafSet, gather_clusters, place_leaves
     from species.growth import (
         GrownTree,
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
         grow,
         grow_many,
         grow_stand,
+    )
+    from species.lsystem import (
+        DerivationLimits,
+        Drawing,
+        Grammar,
+        LeafPlacements,
+        TurtleSettings,
+        Word,
+        derive_word,
+        draw_word,
+        parse_grammar,
     )
     from species.parameters import (
         GrowthParameters,
@@ -30,14 +42,24 @@ if TYPE_CHECKING:
     )
 
 _LAZY = {
+    "DerivationError": "errors",
+    "DerivationLimits": "lsystem",
+    "Drawing": "lsystem",
+    "Grammar": "lsystem",
+    "GrammarError": "errors",
     "GrownTree": "growth",
     "GrowthParameters": "parameters",
     "GrowthSettings": "growth",
     "History": "growth",
+    "LeafPlacements": "lsystem",
     "LeafSet": "foliage",
     "Plant": "growth",
     "Preset": "parameters",
     "Site": "growth",
+    "TurtleSettings": "lsystem",
+    "Word": "lsystem",
+    "derive_word": "lsystem",
+    "draw_word": "lsystem",
     "find_preset": "parameters",
     "format_growth": "parameters",
     "gather_clusters": "foliage",
@@ -45,20 +67,31 @@ _LAZY = {
     "grow_many": "growth",
     "grow_stand": "growth",
     "parameter_table": "parameters",
+    "parse_grammar": "lsystem",
     "place_leaves": "foliage",
     "presets": "parameters",
     "read_growth": "parameters",
 }
 
 __all__ = [
+    "DerivationError",
+    "DerivationLimits",
+    "Drawing",
+    "Grammar",
+    "GrammarError",
     "GrownTree",
     "GrowthParameters",
     "GrowthSettings",
     "History",
+    "LeafPlacements",
     "LeafSet",
     "Plant",
     "Preset",
     "Site",
+    "TurtleSettings",
+    "Word",
+    "derive_word",
+    "draw_word",
     "find_preset",
     "format_growth",
     "gather_clusters",
@@ -66,6 +99,7 @@ __all__ = [
     "grow_many",
     "grow_stand",
     "parameter_table",
+    "parse_grammar",
     "place_leaves",
     "presets",
     "read_growth",
