@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Set
 from typing import NoReturn
 
 from species.lsystem.syntax import (
@@ -51,8 +51,7 @@ def _check_constants(grammar: Grammar, fail: Fail) -> frozenset[str]:
     return frozenset(known)
 
 
-def _check_names(expression: Expression, known: Iterable[str], where: str, fail: Fail) -> None:
-    known = set(known)
+def _check_names(expression: Expression, known: Set[str], where: str, fail: Fail) -> None:
     for node in nodes_of(expression):
         if isinstance(node, Name) and node.name not in known:
             near = difflib.get_close_matches(node.name, sorted(known), n=1)

@@ -152,10 +152,10 @@ def _constants(
 ) -> dict[str, float]:
     for name in given:
         if name not in grammar.parameters:
-            near = difflib.get_close_matches(str(name), grammar.parameters, n=1)
+            near = difflib.get_close_matches(str(name)[:32], grammar.parameters, n=1)
             known = ", ".join(grammar.parameters) or "none"
             hint = f', did you mean "{near[0]}"?' if near else f"; it has {known}"
-            raise DerivationError(f"the grammar has no param {str(name)!r}{hint}")
+            raise DerivationError(f"the grammar has no param {str(name)[:32]!r}{hint}")
     values: dict[str, float] = {}
     for constant in grammar.constants:
         if constant.name in given:

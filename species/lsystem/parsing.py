@@ -35,6 +35,8 @@ MAX_DEPTH = 40
 """Most operations inside each other: an evaluator's calls are as deep."""
 MAX_CONTEXT = 16
 """Most modules of a left or right context."""
+MAX_NAME = 32
+"""Most characters of a name: bounds the search for the longest one and for similar ones."""
 
 LETTERS = "".join(map(chr, (*range(ord("a"), ord("z") + 1), *range(ord("A"), ord("Z") + 1))))
 DIGITS = "0123456789"
@@ -190,9 +192,15 @@ class _Parser(Scanner):
         name = self.match(WORD)
         if not name:
             self.unexpected(wanted)
+        self.short(name, at)
         if name in RESERVED:
             self.source.fail(at, f'"{name}" is the name of a function or an operator; take another name')
         return name
+
+    def short(self, name: str, at: int) -> None:
+        """Fail if a name is too long."""
+        if len(name) > MAX_NAME:
+            self.source.fail(at, f"a name has at most {MAX_NAME} characters, got {len(name)}")
 
     def declarations(self) -> list[Declaration]:
         """``module Name(a, b) Other``; nothing if the statement is another one."""
@@ -204,6 +212,7 @@ class _Parser(Scanner):
             name = self.match(WORD)
             if not name:
                 self.unexpected("a module's name")
+            self.short(name, at)
             if name in KEYWORDS or name in COMMANDS:
                 self.source.fail(at, f'"{name}" has a meaning already; take another name for the module')
             out.append(Declaration(name, self.names(), self.source.place(at)))
@@ -257,7 +266,8 @@ class _Parser(Scanner):
     def no_arrow(self, n_patterns: int) -> None:
         """Fail where a production should go on."""
         word = WORD.match(self.source.text, self._first, self.end)
-        near = difflib.get_close_matches(word[0], KEYWORDS, n=1) if word and len(word[0]) > 2 else []
+        typed = word[0][:MAX_NAME] if word else ""
+        near = difflib.get_close_matches(typed, KEYWORDS, n=1) if len(typed) > 2 else []
         hint = f' (did you mean "{near[0]}"?)' if near else ""
         wanted = '"->"' if n_patterns else "a module or a statement"
         self.unexpected(f"{wanted}{hint}")
@@ -406,6 +416,7 @@ class _Parser(Scanner):
         if not word or word in RESERVED:
             self.at = at
             self.unexpected("a number, a name or a function")
+        self.short(word, at)
         return Name(word, place), 1
 
     def finite(self, at: int, number: str) -> float:

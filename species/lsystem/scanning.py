@@ -168,7 +168,10 @@ class Scanner:
             match = pattern.match(self.source.text, at, self.end)
             if match:
                 return f'"{shorten(match[0])}"'
-        return f'"{printable(self.source.text[at])}"'
+        character = self.source.text[at]
+        if character.isascii() and character.isprintable():
+            return f'"{character}"'
+        return f"the character U+{ord(character):04X}"
 
 
 def shorten(text: str) -> str:

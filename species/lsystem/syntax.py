@@ -334,8 +334,9 @@ def format_grammar(grammar: Grammar) -> str:
     ]
     if grammar.ignore:
         lines.append(f"ignore = {' '.join(grammar.ignore)}")
-    lines.append(f"axiom = {_format_modules(grammar.axiom)}".rstrip())
-    lines += map(_format_production, grammar.productions)
+    gap = " " if grammar.declarations else ""  # names of several letters would run together
+    lines.append(f"axiom = {_format_modules(grammar.axiom, gap)}".rstrip())
+    lines += [_format_production(production, gap) for production in grammar.productions]
     return "\n".join(lines) + "\n"
 
 
@@ -344,12 +345,12 @@ def _declaration(declaration: Declaration) -> str:
     return f"{declaration.name}({names})" if names else declaration.name
 
 
-def _format_modules(modules: tuple[Module, ...]) -> str:
+def _format_modules(modules: tuple[Module, ...], gap: str) -> str:
     out = []
     for module in modules:
         arguments = ", ".join(map(format_expression, module.arguments))
         out.append(f"{module.name}({arguments})" if module.arguments else module.name)
-    return " ".join(out)
+    return gap.join(out)
 
 
 def _format_patterns(items: tuple[Pattern | Branch, ...]) -> str:
@@ -362,7 +363,7 @@ def _format_patterns(items: tuple[Pattern | Branch, ...]) -> str:
     return " ".join(out)
 
 
-def _format_production(production: Production) -> str:
+def _format_production(production: Production, gap: str) -> str:
     text = _format_patterns((production.predecessor,))
     if production.left:
         text = f"{_format_patterns(production.left)} < {text}"
@@ -373,4 +374,4 @@ def _format_production(production: Production) -> str:
     text = f"{text} ->"
     if production.weight is not None:
         text = f"{text} ({format_expression(production.weight)})"
-    return f"{text} {_format_modules(production.successor)}".rstrip()
+    return f"{text} {_format_modules(production.successor, gap)}".rstrip()

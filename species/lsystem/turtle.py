@@ -225,7 +225,7 @@ def _check_values(name: str, what: int, given: NDArray[np.float64]) -> None:
     if what in _ANGLES and (np.abs(given) > MOST_TURN_DEG).any():
         wrong = given[np.abs(given) > MOST_TURN_DEG][0]
         raise DerivationError(f"a turn, {name}(x), must be within {MOST_TURN_DEG:g} degrees, got {wrong:.6g}")
-    if (np.abs(given) > FARTHEST).any():
+    if what != THIN and (np.abs(given) > FARTHEST).any():
         wrong = given[np.abs(given) > FARTHEST][0]
         raise DerivationError(f"{name}(x) must be within {FARTHEST:g}, got {wrong:.6g}")
 
