@@ -308,8 +308,13 @@ class SlowTurtle:
         self.settings = word.settings
         self.tropism = np.array(word.settings.tropism) / np.linalg.norm(word.settings.tropism)
         self.state = {
-            **{"at": np.zeros(3), "h": Z, "l": LEFT, "w": word.settings.width},
-            **{"bend": 0.0, "node": None, "loose": False},
+            "at": np.zeros(3),
+            "h": Z,
+            "l": LEFT,
+            "w": word.settings.width,
+            "bend": 0.0,
+            "node": None,
+            "loose": False,
         }
         self.nodes, self.leaves, self.stack = [], [], []
 
