@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from benchmarks import data, dbh, grown_truth, light, sizes, skeleton_truth, speed, wood
+from benchmarks import data, dbh, grown_truth, growth, light, sizes, skeleton_truth, speed, wood
 
 BENCHMARKS = {
     "wood": wood,
@@ -13,6 +13,7 @@ BENCHMARKS = {
     "sizes": sizes,
     "speed": speed,
     "light": light,
+    "growth": growth,
     "grown_truth": grown_truth,
 }
 QUICK_LADDER = (100_000, 1_000_000)
