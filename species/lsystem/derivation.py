@@ -52,7 +52,7 @@ class DerivationLimits:
     Attributes
     ----------
     modules : int, default 1000000
-        Most modules of a word, brackets too; up to 50 million. A module takes 100 to 400 bytes.
+        Most modules of a word, brackets too; up to 50 million. A module takes 100 to 600 bytes.
     seconds : float, default 10
         Longest time, > 0.
     iterations : int, default 10000

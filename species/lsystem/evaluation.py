@@ -56,7 +56,7 @@ def compile_expression(expression: Expression, scope: Scope) -> Evaluator:
     expression : Expression
         At most as deep as the parser lets through.
     scope : Scope
-        Knows all names.
+        Knows all names, and has a generator if the expression is random.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def compile_expression(expression: Expression, scope: Scope) -> Evaluator:
     Raises
     ------
     DerivationError
-        If it is random and there is no generator. The evaluator raises it where there is no finite value.
+        Not here: the evaluator raises it where there is no finite value.
     """
     if isinstance(expression, Number):
         return _constant(expression.value)
@@ -269,10 +269,7 @@ def _function(node: Call, parts: list[Evaluator]) -> Evaluator:
 
 def _random(node: Call, scope: Scope) -> Evaluator:
     """``uniform(a, b)`` or ``normal(mean, spread)``: one draw each time, after both arguments."""
-    if scope.rng is None:
-        raise _fail(
-            node.place, f"{node.function} draws random numbers: hand in a numpy.random.Generator as rng"
-        )
+    assert scope.rng is not None  # derive_word asks for it where the grammar is random
     a, b = (compile_expression(argument, scope) for argument in node.arguments)
     uniform = node.function == "uniform"
     draw = scope.rng.random if uniform else scope.rng.standard_normal

@@ -105,6 +105,18 @@ def test_kinds_differ_by_the_number_of_parameters():
     assert last("axiom = F F(1)\nF -> FF\nF(x) -> F(x + 1)", 1) == "FFF(2)"
 
 
+def test_modules_may_have_many_parameters():
+    text = "axiom = A(1,2,3,4,5,6,7,8)\nA(a,b,c,d,e,f,g,h) -> F(h,g,f) F(a) F(a+b,c) A(b,c,d,e,f,g,h,a)"
+    assert last(text, 1) == "F(8,7,6)F(1)F(3,3)A(2,3,4,5,6,7,8,1)"
+
+
+def test_all_functions_take_parameters():
+    """Computed for each module, not once."""
+    calls = ["atan2(x, y)", "max(x, y, 3)", "min(x, y)", "if(x > y, x, y)", "-x", "not y", "x > 1 or y / 0"]
+    text = f"axiom = A(4, 0)\nA(x, y) -> {' '.join(f'F({call})' for call in calls)}"
+    assert last(text, 1) == "F(90)F(4)F(0)F(4)F(-4)F(1)F(1)"
+
+
 def test_first_production_that_matches_is_taken():
     text = "axiom = A(1) A(3)\nA(x) : x > 2 -> F\nA(x) -> f\nA(x) : x < 2 -> L"
     assert last(text, 1) == "fF"
