@@ -81,7 +81,8 @@ class GrowthSettings:
     max_clusters : int, default 192
         Most leaf clusters per tree in the light model, 8 to 1024.
     max_nodes : int, default 1000000
-        Most nodes of all trees together, 2 to 20000000; growth stops before a cycle that would pass it.
+        Most nodes of all trees together, 2 to 20000000; growth stops before a cycle that would pass it. With
+        a history, which keeps the dead, also where about 16 times as many have ever grown.
     rings : int, default 6
         Fineness of the sky, 4 to 64, as in :func:`treegraph.gather_light`.
     ground : bool, default True

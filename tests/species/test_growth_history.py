@@ -172,6 +172,19 @@ def test_a_cap_ends_explosive_growth_soon():
     assert capped.age < 5
 
 
+def test_a_history_ends_where_too_many_have_died(monkeypatch):
+    """Hundreds of years of shedding at a hundred living nodes: memory stays bounded, and it is said."""
+    p, few = preset("F6b", PF=4, LB_PF=4), GrowthSettings(max_nodes=3000)
+    monkeypatch.setattr(model, "HISTORY_ROOM", 2)
+    assert grown(p, 200, 3, settings=few).status == "grown"
+    kept = grown(p, 200, 3, settings=few, history=True)
+    assert kept.status == "node limit"
+    assert kept.history.n_nodes <= 2 * 3000 + 512
+    assert 20 < kept.age < 200
+    assert same_bytes(kept.tree, grown(p, kept.age, 3, settings=few).tree)
+    assert same_bytes(kept.history.at(kept.age), kept.tree)
+
+
 @pytest.mark.parametrize("history", [False, True])
 @pytest.mark.parametrize("room", [2, 7, 100_000])
 def test_arrays_that_run_out_of_room_change_nothing(room, history, monkeypatch):
