@@ -385,9 +385,10 @@ def test_leaf_area_is_kept_by_the_clusters_and_the_cells_grow_until_they_are_few
         assert len(probes.area) <= one.stand.settings[kernels.MAX_CLUSTERS]
         ratio = math.log(probes.size / 0.1) / math.log(1.26)
         assert ratio == pytest.approx(round(ratio), abs=1e-9)
-        finer = kernels.find_probes(one.nodes, one.n, state.stand, probes.size / 1.26, 20)[0]
-        assert len(finer.area) > len(probes.area)
-    assert len(few.nodes.parent) > 0
+    size, finer_size = probes.size, probes.size / 1.26  # of the last one, which has at most 16 clusters
+    finer = kernels.find_probes(few.nodes, few.n, state.stand, finer_size, 20)[0]
+    assert finer.size == finer_size < size
+    assert len(finer.area) > 16  # growing once more was needed
 
 
 # ---------------------------------------------------------------- chance
