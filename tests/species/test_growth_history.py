@@ -297,12 +297,14 @@ def test_a_seed_does_not_die_before_it_is_planted():
     assert 0.5 < np.mean(grew) < 0.9  # 0.7
 
 
-def test_an_unplanted_neighbour_changes_nothing():
+def test_unplanted_neighbours_change_nothing():
+    """Seeds that wait all over the crown: nobody looks at their light."""
     roomy = GrowthSettings(max_clusters=1024)
     p = preset("F6e")
-    (one, other) = grow_stand([Plant(p), Plant(p, (0.01, 0, 0.01), 9)], 9, rng=seeded(3), settings=roomy)
+    waiting = [Plant(p, (0.1, 0.05, 0.1 * k), 9) for k in range(1, 40)]
+    one, *others = grow_stand([Plant(p), *waiting], 9, rng=seeded(3), settings=roomy)
     assert same_bytes(one.tree, grown(p, 9, 3, settings=roomy).tree)
-    assert (other.tree.n_nodes, other.age) == (1, 0)
+    assert all((other.tree.n_nodes, other.age) == (1, 0) for other in others)
 
 
 def test_the_cap_is_for_all_plants_together():

@@ -92,6 +92,17 @@ def test_a_bud_that_led_into_an_obstacle_is_dead():
     assert tree.attribute["bud"].tolist() == [0, 0, 0, 2]
 
 
+@pytest.mark.parametrize(
+    "thing", [Ball((0.02, 0, 1.5), 0.1), Box((0, 0.02, 1.5), (0.3, 0.3, 0.05), TILTED)], ids=["ball", "box"]
+)
+def test_nothing_leads_through_a_thing_smaller_than_an_internode(thing):
+    """Neither end of the segment that would pass it lies inside."""
+    p = plain(NLB=0, IBL=1)
+    assert grown(p, 3, settings=FREE).tree.n_nodes == 4
+    tree = grown(p, 3, site=among(thing), settings=FREE).tree
+    npt.assert_allclose(tree.position, [(0, 0, 0), (0, 0, 1)], atol=1e-12)
+
+
 def test_nothing_grows_or_hangs_below_the_ground():
     p = preset("F6d", **DROOPING | {"GBS": 10})
     low = []
