@@ -10,7 +10,7 @@ from render.parts import Material, Part
 from species.foliage import LeafSet
 from treegraph import InputError
 
-__all__ = ["BLADE", "leaf_part"]
+__all__ = ["BLADE", "leaf_part", "leaf_shades"]
 
 BLADE = Material("leaves", (0.36, 0.50, 0.20), roughness=0.8, double_sided=True)
 FOLD = 0.18  # how far a blade's two sides rise above its midrib, in half widths
@@ -66,13 +66,13 @@ def leaf_part(leaves: LeafSet, name: str = "leaves", material: Material = BLADE)
             faces=faces.astype(np.int32),
             normals=np.repeat(leaves.normal, 4, axis=0).astype(np.float32),
             node=np.repeat(leaves.node, 4),
-            color=np.repeat(_shades(m), 4, axis=0),
+            color=np.repeat(leaf_shades(m), 4, axis=0),
         ),
         material,
     )
 
 
-def _shades(m: int) -> NDArray[np.uint8]:
+def leaf_shades(m: int) -> NDArray[np.uint8]:
     """Relative colours of m leaves: some darker, some yellower."""
     k = np.arange(m) % SHADES
     light = 1.0 - LIGHTNESS_SPREAD * ((k * GOLDEN) % 1.0)

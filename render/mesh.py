@@ -11,6 +11,7 @@ every tube is closed at both ends; the number of sides follows the radius.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +31,15 @@ class Mesh:
 
     Attributes
     ----------
-    vertices : (v, 3) float64
+    vertices : (v, 3) float64, or float32 in the flat mesh of a decoded tree
         Metres, z up. Vertices on a texture seam or a sharp edge are there more than once, equal to the bit.
     faces : (f, 3) int32
         Vertex indices, counter-clockwise seen from outside.
     normals : (v, 3) float32
         Unit normals, outwards.
     uv : (v, 2) float32 or None
-        Texture coordinates: u once around (0 to 1), v along in metres from where the tube begins.
+        Texture coordinates, v upwards in the image. Of tubes: u once around (0 to 1), v along in metres
+        from where the tube begins. Of leaves: (0, 0) to (1, 1) from the lower left to the upper right.
     node : (v,) int32 or None
         The graph node whose segment (parent to node) the vertex lies on.
     color : (v, 3) uint8 or None
@@ -46,7 +48,7 @@ class Mesh:
         Faces ``piece_start[i]:piece_start[i + 1]`` are the i-th closed surface.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: NDArray[Any]
     faces: NDArray[np.int32]
     normals: NDArray[np.float32]
     uv: NDArray[np.float32] | None = None

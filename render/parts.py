@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.mesh import Mesh, MeshSettings, branch_mesh
+from render.textures import Texture, check_texture
 from treegraph import Cluster, ClusterTree, InputError
 
 __all__ = ["LEAF", "WOOD", "Material", "Part", "hull_mesh", "tree_parts"]
@@ -35,6 +36,12 @@ class Material:
         0 (mirror) to 1 (matt).
     double_sided : bool
         Whether its back is drawn too.
+    texture : Texture or None
+        Image that `color` is multiplied with; the mesh needs texture coordinates.
+    alpha_cutoff : float or None
+        The surface is there where the texture's alpha is at least this, 0 to 1; None: everywhere.
+    normal_texture : Texture or None
+        Normal map (glTF's: x to the right, y up in the image); for exports.
     """
 
     name: str
@@ -42,6 +49,9 @@ class Material:
     alpha: float = 1.0
     roughness: float = 0.9
     double_sided: bool = False
+    texture: Texture | None = None
+    alpha_cutoff: float | None = None
+    normal_texture: Texture | None = None
 
     def __post_init__(self) -> None:
         color = tuple(float(c) for c in self.color)
@@ -50,6 +60,14 @@ class Material:
         for name in ("alpha", "roughness"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"a material's {name} must be 0 to 1, got {getattr(self, name)!r}")
+        if self.alpha_cutoff is not None and not 0.0 < self.alpha_cutoff <= 1.0:
+            raise InputError(
+                f"a material's alpha_cutoff must be above 0 and at most 1, got {self.alpha_cutoff!r}"
+            )
+        check_texture("texture", self.texture)
+        check_texture("normal_texture", self.normal_texture)
+        if self.alpha_cutoff is not None and (self.texture is None or not self.texture.has_alpha):
+            raise InputError("a material with an alpha_cutoff needs a texture with four channels")
         object.__setattr__(self, "color", color)
 
 

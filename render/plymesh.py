@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from render.gltf import check_parts
+from render.lighting import to_linear, to_srgb
 from render.parts import Part
+from render.textures import CUTOFF
 from treegraph._files import write_whole
 
 __all__ = ["write_ply"]
@@ -32,6 +34,10 @@ def write_ply(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
     ------
     InputError
         If no part has a face, or a vertex is not finite.
+
+    Notes
+    -----
+    PLY knows no textures: a textured part has its texture's mean colour, and its leaves are whole quads.
     """
     check_parts(parts)
     parts = [part for part in parts if len(part.mesh.faces)]
@@ -53,7 +59,12 @@ def write_ply(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
 
 def _vertices(part: Part) -> np.ndarray:
     out = np.empty(len(part.mesh.vertices), VERTEX)
-    color = np.array([*part.material.color, part.material.alpha])
+    material = part.material
+    base = np.array(material.color)
+    if material.texture is not None:
+        cutoff = CUTOFF if material.alpha_cutoff is None else material.alpha_cutoff
+        base = to_srgb(to_linear(base) * to_linear(material.texture.mean_color(cutoff)))
+    color = np.array([*base, material.alpha])
     own = 1.0 if part.mesh.color is None else np.hstack([part.mesh.color / 255.0, np.ones((len(out), 1))])
     out["xyz"], out["normal"] = part.mesh.vertices, part.mesh.normals
     out["color"] = np.rint(255.0 * color * own)
