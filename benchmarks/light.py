@@ -1,30 +1,112 @@
-"""Light among leaves, wood and obstacles: the fast model's time and error beside the exact one's."""
+"""Light among leaves, wood and obstacles: the fast model's time and error beside the exact one's.
+
+Beside the time stands how many multiply-adds (float32, in vector registers, without memory) the same core
+does in it, measured just before: that depends less on what else the machine does than the time.
+"""
 
 from __future__ import annotations
 
 import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from statistics import median
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
-REPEATS = 7
+REPEATS = 25
 EXACT_POINTS = 4
 SEED = 0
+CHAIN = 64  # multiply-adds on each number of the reference
+NUMBERS, ROUNDS = 4096, 100  # of the reference: 16 KB, in the first cache
+CALLS = 2000
+ZENITH_SPHERES = 2000
 
 
-def best_seconds(work: Callable[[], Any]) -> float:
-    """Least processor time of several runs, after one that compiles."""
+def cpu_seconds(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[float, float]:
+    """Least and median processor time of several runs, after one that compiles."""
     work()
     seconds = []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         start = process_time()
         work()
         seconds.append(process_time() - start)
-    return min(seconds)
+    return min(seconds), median(seconds)
+
+
+@cache
+def multiply_adds() -> Callable[[np.ndarray, int], None]:
+    """The compiled reference: CHAIN multiply-adds on each number, ``rounds`` times."""
+    from numba import njit
+
+    def kernel(values: np.ndarray, rounds: int) -> None:
+        a, b = np.float32(0.999), np.float32(0.001)
+        for _ in range(rounds):
+            for i in range(np.uint64(values.size)):
+                x = values[i]
+                for _ in range(CHAIN):
+                    x = x * a + b
+                values[i] = x
+
+    return njit(error_model="numpy", fastmath={"contract"})(kernel)
+
+
+def multiply_add_seconds() -> float:
+    """Processor time of one float32 multiply-add among many, the least of several runs."""
+    kernel, values = multiply_adds(), np.ones(NUMBERS, np.float32)
+    return cpu_seconds(lambda: kernel(values, ROUNDS))[0] / (NUMBERS * ROUNDS * CHAIN)
+
+
+def call_seconds(n_leaves: int, n_points: int) -> float:
+    """Processor time of one call of the kernel from compiled code, as the growth model calls it."""
+    from numba import njit
+
+    from treegraph import Sky, light
+    from treegraph._light_kernels import gather
+
+    rng = np.random.default_rng(SEED)
+    leaf, wood, obstacles, _ = light._pack(leaves(rng, n_leaves))
+    points, own = light._check_points(rng.uniform([-5, -5, 0], [5, 5, 10], (n_points, 3)), None, n_leaves)
+    cells = light._sky_cells(light.DEFAULT_RINGS)
+    weight, trans = light._cell_weight(light.DEFAULT_RINGS, Sky()), light._aligned(cells.grid[0].size)
+    seen, amount, vector = np.empty((0, 0), np.float32), np.empty(n_points), np.empty((n_points, 3))
+
+    @njit
+    def repeat(calls: int, *arguments: Any) -> None:
+        for _ in range(calls):
+            gather(*arguments)
+
+    sky = cells.grid, cells.fine, weight, trans, light.BLUR * cells.width, light.TENT * cells.width
+    given = (points, own, n_leaves, leaf, wood, obstacles, seen, *sky, amount, vector)
+    return cpu_seconds(lambda: repeat(CALLS, *given))[0] / CALLS
+
+
+def study_errors(n_scenes: int) -> dict[str, float]:
+    """Fast against exact at two points of each random scene of the tests, and for a sphere in the zenith."""
+    from tests.treegraph.test_light_model import around, opaque, random_scene, random_sky
+    from treegraph import Occluders, gather_light, gather_light_exact
+
+    amount, vector = [], []
+    for seed in range(n_scenes):
+        rng = np.random.default_rng(seed)
+        points, scene, sky = around(rng, 2, 0.0), random_scene(rng), random_sky(rng)
+        fast, exact = gather_light(points, scene, sky), gather_light_exact(points, scene, sky)
+        amount.append(fast.amount - exact.amount)
+        vector.append(np.linalg.norm(fast.vector - exact.vector, axis=1))
+    sine = np.linspace(0.001, 0.9999, ZENITH_SPHERES)
+    here = np.zeros((1, 3))
+    zenith = [gather_light(here, Occluders(opaque((0, 0, 1), s))).amount[0] for s in sine]
+    return {
+        "points": 2 * n_scenes,
+        "amount_largest": float(np.abs(amount).max()),
+        "amount_rms": float(np.sqrt(np.mean(np.square(amount)))),
+        "vector_largest": float(np.max(vector)),
+        "vector_rms": float(np.sqrt(np.mean(np.square(vector)))),
+        "zenith_sphere_largest": float(np.abs(zenith - (1 - sine**2) ** 1.5).max()),  # cos^3 in closed form
+    }
 
 
 def leaves(rng: np.random.Generator, n: int) -> Any:
@@ -69,13 +151,17 @@ LADDER = (
 )
 
 
+CALL_LADDER = ((0, 1), (1, 1), (10, 10), (100, 1))
+
+
 def measure(scene: Callable[[np.random.Generator, int], Any], n: int, n_points: int) -> dict[str, Any]:
     """Time per point of both models and how far apart they are."""
     from treegraph import gather_light, gather_light_exact
 
     rng = np.random.default_rng(SEED)
     occluders, points = scene(rng, n), rng.uniform([-5, -5, 0], [5, 5, 10], (n_points, 3))
-    fast_s = best_seconds(lambda: gather_light(points, occluders)) / n_points
+    one = multiply_add_seconds()
+    fast_s, median_s = (t / n_points for t in cpu_seconds(lambda: gather_light(points, occluders)))
     few = points[:EXACT_POINTS]
     start = perf_counter()
     exact = gather_light_exact(few, occluders)
@@ -86,6 +172,8 @@ def measure(scene: Callable[[np.random.Generator, int], Any], n: int, n_points: 
         "occluders": n,
         "points": n_points,
         "fast_us_per_point": fast_s * 1e6,
+        "median_us_per_point": median_s * 1e6,
+        "multiply_adds_per_point": fast_s / one,
         "fast_ns_per_pair": fast_s * 1e9 / n if n else None,
         "exact_us_per_point": exact_s * 1e6,
         "times_faster": exact_s / fast_s,
@@ -96,10 +184,10 @@ def measure(scene: Callable[[np.random.Generator, int], Any], n: int, n_points: 
 def run(arguments: Namespace) -> None:
     """Print one row per rung."""
     print(
-        "| scene | occluders | points | fast, us/point | ns/pair "
+        "| scene | occluders | points | fast, us/point: least | median | ns/pair | multiply-adds/point "
         "| exact, us/point | times faster | largest error |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     rows = []
     for rung in LADDER:
         row = measure(*rung)
@@ -107,18 +195,28 @@ def run(arguments: Namespace) -> None:
         pair = "" if row["fast_ns_per_pair"] is None else f"{row['fast_ns_per_pair']:.1f}"
         print(
             f"| {row['scene']} | {row['occluders']} | {row['points']} "
-            f"| {row['fast_us_per_point']:.2f} | {pair} | "
-            f"{row['exact_us_per_point']:.0f} | {row['times_faster']:.0f} | {row['largest_error']:.4f} |",
+            f"| {row['fast_us_per_point']:.2f} | {row['median_us_per_point']:.2f} | {pair} "
+            f"| {row['multiply_adds_per_point']:.0f} | {row['exact_us_per_point']:.0f} "
+            f"| {row['times_faster']:.0f} | {row['largest_error']:.4f} |",
             flush=True,
         )
-    if getattr(arguments, "json", None):
-        Path(arguments.json).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    calls = {f"{n} leaves, {q} points": call_seconds(n, q) * 1e6 for n, q in CALL_LADDER}
+    print("\nOne call from compiled code, us: " + "; ".join(f"{k}: {v:.1f}" for k, v in calls.items()))
+    errors = study_errors(arguments.errors) if arguments.errors else None
+    if errors:
+        print("\n" + ", ".join(f"{k} {v:.4g}" for k, v in errors.items()))
+    if arguments.json:
+        result = {"rows": rows, "call_us": calls, "errors": errors}
+        Path(arguments.json).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def main() -> None:
     """Command line."""
     parser = ArgumentParser(prog="python -m benchmarks.light", description=__doc__)
     parser.add_argument("--json", type=Path, help="write the rows to this file as JSON")
+    parser.add_argument(
+        "--errors", type=int, default=0, metavar="N", help="study the error in N random scenes (0.3 s each)"
+    )
     run(parser.parse_args())
 
 

@@ -1,8 +1,10 @@
 """Compiled loops of the fast light model. Arrays in, arrays out; nothing is checked here.
 
-One query point at a time: the transmittance of every cell of the sky (float32, one per cell, cells in rings
-from the zenith to the horizon) starts at what the obstacles leave and is multiplied by each leaf sphere and
-each branch. The loops over cells are free of branches, so that the compiler turns them into vector code.
+One query point at a time. Its sky has rows of float32: x, y, z of the cells' directions, what is let through,
+and what the present branch covers. What is let through starts at what the obstacles leave and is multiplied
+by each leaf sphere and each branch, on the tiles of 16 cells that its shadow touches. The work on a tile and
+the search for tiles do not branch, so that the compiler turns them into vector code; four tiles stand
+together, so that the distances between their rows are constant and it need not ask whether they overlap.
 """
 
 import math
@@ -13,85 +15,167 @@ from numba import njit
 _jit = njit(cache=True, error_model="numpy", nogil=True)  # 1/0 is inf, as in NumPy; no fastmath
 _jit_fused = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})  # a * b + c in one step
 
-BLOCK = 64  # leaf spheres that are projected together
-ROW = BLOCK + 16  # of projected caps: behind the block there is one that shades nothing
+BLOCK = 64  # leaf spheres whose rows stand together as they come in
 LEAF_ROWS = 5  # x, y, z, radius, gamma
-LANES = 16  # float32 numbers in a cache line: ranges of cells begin and end at multiples of this
+BATCH = 128  # leaf spheres that are projected together
+LANES = 16  # float32 numbers in a cache line: cells of a tile
 SUBCELLS = 4  # directions per cell at which obstacles are tested
 DARK = np.float32(1e-30)  # less is 0: arithmetic with denormal numbers is many times slower
-HEIGHT_BINS = 256  # table from the height of a direction to its ring
+QUARTERS = 4  # tiles that a quarter turn about the vertical makes of one
+GROUP = 8  # tiles that are searched together
+TILE_ROWS = 4  # x, y, z of a tile's axis over the cosine of its radius, and the radius' tangent
+SKY_ROWS = 5  # x, y, z, let through, covered
+PANEL = QUARTERS * LANES  # cells whose rows stand together in the sky
+OPEN = 3 * PANEL  # distance of what is let through from x
+COVER = 4 * PANEL
+CAP_ROWS = 6  # a (3), offset, top, reach
+HEIGHT_BINS = 256  # leaf spheres are sorted by height into so many
+PLACE_ROWS = 6  # x, y, z, and what float32 leaves of them
+SIZE_ROWS = 2  # radius, 1 - gamma
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _dot(weight, trans):
-    """Sum of products, in whatever order is fastest."""
-    total = 0.0
-    for i in range(np.uint64(weight.size)):
-        total += weight[i] * trans[i]
-    return total
+def _list_bits() -> tuple[np.ndarray, np.ndarray]:
+    """Of each byte: which bits are set, as four and four uint16 times BATCH in two uint64, and how many."""
+    place, count = np.zeros((256, GROUP), np.uint16), np.zeros(256, np.int64)
+    for byte in range(256):
+        bits = [k for k in range(GROUP) if byte >> k & 1]
+        place[byte, : len(bits)] = bits
+        count[byte] = len(bits)
+    four = (place.astype(np.uint64) * np.uint64(BATCH)).reshape(256, 2, 4)
+    return (four << np.arange(0, 64, 16, dtype=np.uint64)).sum(axis=2).ravel(), count
+
+
+BIT_PLACES, BIT_COUNT = _list_bits()
+SPLAT = np.uint64(0x0001000100010001)  # times a uint16: four of it
 
 
 @_jit
-def _cell_range(up, cos_width, sin_width, cell_first, cell_last):
-    """Cells [first, last) of the rings that a cap of the given width around an axis can touch."""
-    side = math.sqrt(max(0.0, 1.0 - up * up)) * sin_width
-    high = 1.0 if up >= cos_width else up * cos_width + side
-    low = 0.0 if -up >= cos_width else max(0.0, up * cos_width - side)
-    if high < 0.0:
-        return 0, 0
-    return cell_first[int(high * HEIGHT_BINS)], cell_last[int(low * HEIGHT_BINS)]
+def _place_of_tile(tile):
+    """Where its first cell's x stands in the sky."""
+    cell = tile * np.uint64(LANES)
+    return cell + cell // np.uint64(PANEL) * np.uint64((SKY_ROWS - 1) * PANEL)
+
+
+@_jit
+def _aligned_room(size):
+    """Float32 array (size,) that begins at a cache line, not cleared."""
+    room = np.empty(size + LANES, np.float32)
+    begin = (-room.ctypes.data % (4 * LANES)) // 4
+    return room[begin : begin + size]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _weigh(weight, trans):
+    """Sums of the products with the four rows of ``weight``, in whatever order is fastest."""
+    amount = 0.0
+    x = 0.0
+    y = 0.0
+    z = 0.0
+    for i in range(np.uint64(trans.size)):
+        t = np.float64(trans[i])
+        amount += weight[0, i] * t
+        x += weight[1, i] * t
+        y += weight[2, i] * t
+        z += weight[3, i] * t
+    return amount, x, y, z
+
+
+@_jit
+def _measure_leaves(n_leaves, leaves, rank):
+    """Centre (x, y) and radius of an upright cylinder around their centres; each one's height in ``rank``."""
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
+    for k in range(n_leaves):
+        i = (k // BLOCK) * LEAF_ROWS * BLOCK + k % BLOCK
+        for axis in range(3):
+            low[axis] = min(low[axis], leaves[i + axis * BLOCK])
+            high[axis] = max(high[axis], leaves[i + axis * BLOCK])
+    scale = (HEIGHT_BINS - 1) / (high[2] - low[2]) if high[2] > low[2] else 0.0
+    for k in range(n_leaves):
+        rank[k] = int((high[2] - leaves[((k // BLOCK) * LEAF_ROWS + 2) * BLOCK + k % BLOCK]) * scale)
+    x = 0.5 * (low[0] + high[0])
+    y = 0.5 * (low[1] + high[1])
+    return x, y, math.hypot(high[0] - x, high[1] - y)
+
+
+@_jit
+def _sort_leaves(n_leaves, leaves, sin_tent):
+    """Leaf spheres from high to low, in batches of PLACE_ROWS and SIZE_ROWS rows, filled up with nothing.
+
+    ``rank`` (n_leaves,) is where each one went. ``top`` (one per LANES of them): a point that is higher than
+    this by sin_tent / (1 - sin_tent) times its greatest level distance from any leaf has them and all that
+    follow, with their blurred edges, below its horizon. The level distance is at most that from (x, y) and
+    the radius together: the cylinder is around all centres.
+    """
+    n_batches = (n_leaves + BATCH - 1) // BATCH
+    place = _aligned_room(n_batches * PLACE_ROWS * BATCH)
+    size = _aligned_room(n_batches * SIZE_ROWS * BATCH)
+    place[:] = 0.0
+    for i in range(size.size):
+        size[i] = 1.0 if i % (SIZE_ROWS * BATCH) < BATCH else 0.0
+    rank = np.empty(n_leaves, np.int64)
+    top = np.full((n_leaves + LANES - 1) // LANES, -np.inf)
+    x, y, radius = _measure_leaves(n_leaves, leaves, rank)
+    begin = np.zeros(HEIGHT_BINS + 1, np.int64)
+    for k in range(n_leaves):
+        begin[rank[k] + 1] += 1
+    for b in range(HEIGHT_BINS):
+        begin[b + 1] += begin[b]
+    for k in range(n_leaves):
+        i = (k // BLOCK) * LEAF_ROWS * BLOCK + k % BLOCK
+        to = begin[rank[k]]
+        begin[rank[k]] += 1
+        rank[k] = to
+        batch = to // BATCH
+        j = to % BATCH
+        for axis in range(3):
+            whole = np.float32(leaves[i + axis * BLOCK])
+            place[(batch * PLACE_ROWS + axis) * BATCH + j] = whole
+            place[(batch * PLACE_ROWS + 3 + axis) * BATCH + j] = leaves[i + axis * BLOCK] - whole
+        size[batch * SIZE_ROWS * BATCH + j] = leaves[i + 3 * BLOCK]
+        size[(batch * SIZE_ROWS + 1) * BATCH + j] = 1.0 - leaves[i + 4 * BLOCK]
+        reach = leaves[i + 2 * BLOCK] + leaves[i + 3 * BLOCK] / (1.0 - sin_tent)
+        top[to // LANES] = max(top[to // LANES], reach)
+    for group in range(top.size - 2, -1, -1):
+        top[group] = max(top[group], top[group + 1])
+    return place, size, rank, top, x, y, radius
 
 
 @_jit_fused
-def _shade_two_caps(trans, wx, wy, wz, first, last, cap, j, k):
-    """Multiply cells by 1 - clamp(a . w - offset, 0, top) of two caps: half the loops, loads and stores."""
-    zero = np.float32(0.0)
-    ax = cap[j]
-    ay = cap[j + np.uint64(ROW)]
-    az = cap[j + np.uint64(2 * ROW)]
-    a_offset = cap[j + np.uint64(3 * ROW)]
-    a_top = cap[j + np.uint64(4 * ROW)]
-    bx = cap[k]
-    by = cap[k + np.uint64(ROW)]
-    bz = cap[k + np.uint64(2 * ROW)]
-    b_offset = cap[k + np.uint64(3 * ROW)]
-    b_top = cap[k + np.uint64(4 * ROW)]
-    for i in range(np.uint64(first), np.uint64(last)):  # unsigned: no wrap-around, so it is vectorised
-        f = ax * wx[i] + ay * wy[i] + az * wz[i] - a_offset
-        f = f if f > zero else zero
-        f = f if f < a_top else a_top
-        g = bx * wx[i] + by * wy[i] + bz * wz[i] - b_offset
-        g = g if g > zero else zero
-        g = g if g < b_top else b_top
-        t = trans[i] - trans[i] * f
-        trans[i] = t - t * g
-
-
-@_jit_fused
-def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
-    """What each of BLOCK leaf spheres is in the sky: ``cap`` has rows a (3), offset, top, two heights.
+def _project_leaves(px, py, pz, batch, n, place, size, sin_blur, cos_tent, cap):
+    """What each of the first n leaf spheres of a batch is in the sky: rows a (3), offset, top, reach.
 
     The blurred coverage of a sphere of angular radius alpha is a ramp in the cosine from the axis, from 0 at
     c_out to 1 at c_in with c_in + c_out = 2 cos(alpha), so that its integral is the sphere's solid angle.
-    Where c_in would pass 1 the ramp ends lower. top < 0 says that the point is inside.
+    Where c_in would pass 1 the ramp ends lower. It is a . w - offset, from 0 to top; reach is the sine that
+    belongs to c_out in the same unit. top < 0 says that the point is inside: then all else is 0. Returns
+    how many it is inside of.
     Without branches and with rows at constant distances this is vector code over the spheres.
     """
     zero = np.float32(0.0)
     one = np.float32(1.0)
     two = np.float32(2.0)
-    bins = np.float32(HEIGHT_BINS)
-    base = np.uint64(block) * np.uint64(LEAF_ROWS * BLOCK)
-    for j in range(np.uint64(BLOCK)):
-        i = base + j
-        x = np.float32(leaves[i] - px)
-        y = np.float32(leaves[i + np.uint64(BLOCK)] - py)
-        z = np.float32(leaves[i + np.uint64(2 * BLOCK)] - pz)
-        r = np.float32(leaves[i + np.uint64(3 * BLOCK)])
-        dim = one - np.float32(leaves[i + np.uint64(4 * BLOCK)])
+    count = np.uint32(0)
+    ux = np.float32(px)
+    uy = np.float32(py)
+    uz = np.float32(pz)
+    vx = np.float32(px - ux)
+    vy = np.float32(py - uy)
+    vz = np.float32(pz - uz)
+    at = np.uint64(batch) * np.uint64(PLACE_ROWS * BATCH)
+    at_size = np.uint64(batch) * np.uint64(SIZE_ROWS * BATCH)
+    for j in range(np.uint64(n)):
+        i = at + j
+        x = (place[i] - ux) + (place[i + np.uint64(3 * BATCH)] - vx)
+        y = (place[i + np.uint64(BATCH)] - uy) + (place[i + np.uint64(4 * BATCH)] - vy)
+        z = (place[i + np.uint64(2 * BATCH)] - uz) + (place[i + np.uint64(5 * BATCH)] - vz)
+        r = size[at_size + j]
+        dim = size[at_size + j + np.uint64(BATCH)]
         d2 = x * x + y * y + z * z
         inside = d2 <= r * r
+        count += np.uint32(inside)
         inv = one / np.sqrt(d2 if d2 > zero else one)
-        s = one if inside else r * inv
+        s = one if inside else r * inv  # at most 1: r (1 / r) rounds to 1 or less
         c = np.sqrt(one - s * s)
         area = s * s / (one + c)  # 1 - cos, without cancellation
         half = s * sin_blur
@@ -99,73 +183,134 @@ def _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap):
         narrow = narrow if narrow < cos_tent else cos_tent
         wide = half <= area
         c_out = c - half if wide else narrow
-        run = half + half if wide else one - narrow
-        top = dim if wide else dim * two * area / run
-        slope = top / run
+        per_run = one / (half + half if wide else one - narrow)
+        top = dim if wide else dim * two * area * per_run
+        slope = zero if inside else top * per_run
         scaled = inv * slope
-        up = z * inv
-        side2 = (one - up * up) * (one - c_out * c_out)
-        side = np.sqrt(side2 if side2 > zero else zero)
-        high = up * c_out + side
-        low = up * c_out - side
-        high = one if up >= c_out else high  # the zenith is in it
-        low = low if low > zero else zero
-        low = zero if -up >= c_out else low
+        s2 = one - c_out * c_out
         cap[j] = x * scaled
-        cap[j + np.uint64(ROW)] = y * scaled
-        cap[j + np.uint64(2 * ROW)] = z * scaled
-        cap[j + np.uint64(3 * ROW)] = c_out * slope
-        cap[j + np.uint64(4 * ROW)] = -one if inside else top
-        cap[j + np.uint64(5 * ROW)] = -one if high < zero or inside else high * bins
-        cap[j + np.uint64(6 * ROW)] = low * bins
+        cap[j + np.uint64(BATCH)] = y * scaled
+        cap[j + np.uint64(2 * BATCH)] = z * scaled
+        cap[j + np.uint64(3 * BATCH)] = c_out * slope
+        cap[j + np.uint64(4 * BATCH)] = -one if inside else top
+        cap[j + np.uint64(5 * BATCH)] = slope * np.sqrt(s2 if s2 > zero else zero)
+    return np.uint32(count)  # so that 32 bits are counted in, beside the float32
+
+
+@_jit_fused
+def _find_tiles(cap, n, tile, group, hit):
+    """Bit k of ``hit[j]``: cap j touches tile k of the group, cos(angle) > cos(width + radius).
+
+    Over the product of slope and the cosine of the radius that is a . axis > offset - reach tan(radius).
+    """
+    at = np.uint64(group) * np.uint64(GROUP // QUARTERS * TILE_ROWS)
+    for j in range(np.uint64(n)):
+        bits = np.uint32(0)
+        for k in range(np.uint64(GROUP // QUARTERS)):
+            x = tile[at + k * np.uint64(TILE_ROWS)]
+            y = tile[at + k * np.uint64(TILE_ROWS) + np.uint64(1)]
+            z = tile[at + k * np.uint64(TILE_ROWS) + np.uint64(2)]
+            tangent = tile[at + k * np.uint64(TILE_ROWS) + np.uint64(3)]
+            over = cap[j + np.uint64(5 * BATCH)] * tangent - cap[j + np.uint64(3 * BATCH)]
+            over += cap[j + np.uint64(2 * BATCH)] * z
+            along = cap[j] * x + cap[j + np.uint64(BATCH)] * y
+            across = cap[j + np.uint64(BATCH)] * x - cap[j] * y
+            bit = np.uint32(1) << (np.uint64(QUARTERS) * k)
+            bits |= bit if along > -over else np.uint32(0)
+            bits |= bit << np.uint32(1) if across > -over else np.uint32(0)
+            bits |= bit << np.uint32(2) if along < over else np.uint32(0)
+            bits |= bit << np.uint32(3) if across < over else np.uint32(0)
+        hit[j] = bits
 
 
 @_jit
-def _shade_leaves(
-    px,
-    py,
-    pz,
-    n_leaves,
-    leaves,
-    own,
-    sin_blur,
-    cos_tent,
-    cap,
-    above,
-    wx,
-    wy,
-    wz,
-    cell_first,
-    cell_last,
-    trans,
-):
-    """All leaf spheres on one point; returns the factor of those around it, which dim the whole sky."""
+def _list_pairs(hit, n, pair):
+    """All pairs of a cap and a tile that it touches, as tile * BATCH + cap; returns how many.
+
+    Four places are written for each cap, in one step once the compiler has joined them, and overwritten by
+    the next one as far as they do not count; rarely four more. So no branch is hard to foresee.
+    """
+    m = np.uint64(0)
+    for j in range(np.uint64(n)):
+        byte = np.uint64(hit[j])
+        code = j * SPLAT
+        four = code + BIT_PLACES[byte * np.uint64(2)]
+        pair[m] = np.uint16(four)
+        pair[m + np.uint64(1)] = np.uint16(four >> np.uint64(16))
+        pair[m + np.uint64(2)] = np.uint16(four >> np.uint64(32))
+        pair[m + np.uint64(3)] = np.uint16(four >> np.uint64(48))
+        if BIT_COUNT[byte] > 4:
+            four = code + BIT_PLACES[byte * np.uint64(2) + np.uint64(1)]
+            pair[m + np.uint64(4)] = np.uint16(four)
+            pair[m + np.uint64(5)] = np.uint16(four >> np.uint64(16))
+            pair[m + np.uint64(6)] = np.uint16(four >> np.uint64(32))
+            pair[m + np.uint64(7)] = np.uint16(four >> np.uint64(48))
+        m += np.uint64(BIT_COUNT[byte])
+    return m
+
+
+@_jit_fused
+def _shade_pairs(sky, cap, pair, m, group):
+    """Multiply the cells of each tile by 1 - clamp(a . w - offset, 0, top) of its cap."""
+    zero = np.float32(0.0)
+    first_of_group = np.uint64(group) * np.uint64(GROUP * LANES * SKY_ROWS)
+    for p in range(np.uint64(m)):
+        code = np.uint64(pair[p])
+        j = code & np.uint64(BATCH - 1)
+        first = first_of_group + _place_of_tile(code // np.uint64(BATCH))
+        ax = cap[j]
+        ay = cap[j + np.uint64(BATCH)]
+        az = cap[j + np.uint64(2 * BATCH)]
+        offset = cap[j + np.uint64(3 * BATCH)]
+        top = cap[j + np.uint64(4 * BATCH)]
+        for i in range(first, first + np.uint64(LANES)):
+            f = az * sky[i + np.uint64(2 * PANEL)] - offset
+            f += ay * sky[i + np.uint64(PANEL)]
+            f += ax * sky[i]
+            f = f if f > zero else zero
+            f = f if f < top else top
+            t = sky[i + np.uint64(OPEN)]
+            sky[i + np.uint64(OPEN)] = t - t * f
+
+
+@_jit
+def _around(cap, size, batch, n):
+    """The factor of the spheres of a batch that contain the point: they dim the whole sky."""
+    factor = 1.0
+    for j in range(n):
+        if cap[j + 4 * BATCH] < 0.0:
+            factor *= 1.0 - size[(batch * SIZE_ROWS + 1) * BATCH + j]
+    return factor
+
+
+@_jit
+def _clear_dark(sky):
+    """Let nothing through where it is next to nothing."""
+    for panel in range(np.uint64(sky.size // (SKY_ROWS * PANEL))):
+        first = panel * np.uint64(SKY_ROWS * PANEL) + np.uint64(OPEN)
+        for i in range(first, first + np.uint64(PANEL)):
+            sky[i] = sky[i] if sky[i] > DARK else np.float32(0.0)
+
+
+@_jit
+def _shade_leaves(px, py, pz, n, own, place, size, sin_blur, cos_tent, cap, tile, hit, pair, sky):
+    """The first n leaf spheres on one point; returns the factor of those around it."""
     around = 1.0
-    for first_leaf in range(0, n_leaves, BLOCK):
-        block = first_leaf // BLOCK
-        _project_leaves(px, py, pz, block, leaves, sin_blur, cos_tent, cap)
-        n_above = 0
-        for j in range(np.uint64(min(BLOCK, n_leaves - first_leaf))):
-            above[np.uint64(n_above)] = j  # overwritten by the next one if it does not count
-            other = j != np.uint64(own - first_leaf)
-            if cap[j + np.uint64(4 * ROW)] < 0.0 and other:
-                around *= leaves[np.uint64((block * LEAF_ROWS + 4) * BLOCK) + j]
-            n_above += np.int64(cap[j + np.uint64(5 * ROW)] >= 0.0 and other)
-        above[np.uint64(n_above)] = BLOCK  # the empty cap behind the block makes the last pair
-        for m in range(0, n_above, 2):
-            j = np.uint64(above[np.uint64(m)])
-            k = np.uint64(above[np.uint64(m + 1)])
-            j_high = cap[j + np.uint64(5 * ROW)]
-            k_high = cap[k + np.uint64(5 * ROW)]
-            j_low = cap[j + np.uint64(6 * ROW)]
-            k_low = cap[k + np.uint64(6 * ROW)]
-            high = j_high if j_high > k_high else k_high
-            low = j_low if j_low < k_low else k_low
-            _shade_two_caps(
-                trans, wx, wy, wz, cell_first[np.uint64(high)], cell_last[np.uint64(low)], cap, j, k
-            )
-        for i in range(np.uint64(trans.size)):
-            trans[i] = trans[i] if trans[i] > DARK else np.float32(0.0)
+    for first in range(0, n, BATCH):
+        batch = first // BATCH
+        some = min(BATCH, n - first)
+        inside = _project_leaves(px, py, pz, batch, some, place, size, sin_blur, cos_tent, cap)
+        if first <= own < first + some:
+            for row in range(CAP_ROWS):
+                cap[row * BATCH + own - first] = 0.0
+        if inside > 0:
+            around *= _around(cap, size, batch, some)
+        for group in range(tile.size // (GROUP // QUARTERS * TILE_ROWS)):
+            _find_tiles(cap, some, tile, group, hit)
+            m = _list_pairs(hit, some, pair)
+            _shade_pairs(sky, cap, pair, m, group)
+        if first + BATCH < n:
+            _clear_dark(sky)
     return around
 
 
@@ -190,8 +335,8 @@ def _nearest_gap(x, y, z, ex, ey, ez, r, dr):
 
 
 @_jit_fused
-def _cover_cone(cover, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join0, join1, blur):
-    """Add the blurred coverage of one piece of a branch. All lengths in one unit, float32.
+def _cover_cone(sky, first, x, y, z, ex, ey, ez, r, dr, join0, join1, blur):
+    """Add the blurred coverage of one piece of a branch on one tile. All lengths in one unit, float32.
 
     It is that of a strip, blurred by a box of half width blur across and along: exact for straight strips,
     however narrow or short. A free end (join 0) is longer by pi/4 of its radius, which is a half disc's
@@ -206,13 +351,16 @@ def _cover_cone(cover, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join
     free1 = one - join1
     per_blur = half / blur
     flat = np.float32(1.0 - 0.25 * math.pi) / (ex * ex + ey * ey + ez * ez + tiny)
-    for i in range(np.uint64(first), np.uint64(last)):
-        ux = wy[i] * z - wz[i] * y
-        uy = wz[i] * x - wx[i] * z
-        uz = wx[i] * y - wy[i] * x
-        vx = wy[i] * ez - wz[i] * ey
-        vy = wz[i] * ex - wx[i] * ez
-        vz = wx[i] * ey - wy[i] * ex
+    for i in range(first, first + np.uint64(LANES)):
+        wx = sky[i]
+        wy = sky[i + np.uint64(PANEL)]
+        wz = sky[i + np.uint64(2 * PANEL)]
+        ux = wy * z - wz * y
+        uy = wz * x - wx * z
+        uz = wx * y - wy * x
+        vx = wy * ez - wz * ey
+        vy = wz * ex - wx * ez
+        vz = wx * ey - wy * ex
         vv = vx * vx + vy * vy + vz * vz + tiny
         s = -(ux * vx + uy * vy + uz * vz) / vv
         near = s if s > zero else zero
@@ -223,7 +371,7 @@ def _cover_cone(cover, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join
         nx = x + near * ex
         ny = y + near * ey
         nz = z + near * ez
-        t = nx * wx[i] + ny * wy[i] + nz * wz[i]
+        t = nx * wx + ny * wy + nz * wz
         inv = one / np.sqrt(nx * nx + ny * ny + nz * nz + tiny)
         radius = r + near * dr
         sine = radius * inv
@@ -242,33 +390,61 @@ def _cover_cone(cover, wx, wy, wz, first, last, x, y, z, ex, ey, ez, r, dr, join
         ended = ended if ended < one else one
         along = begun + ended - one
         along = along if along > zero else zero
-        cover[i] += f * along if t > zero else zero
+        sky[i + np.uint64(COVER)] += f * along if t > zero else zero
 
 
 @_jit_fused
-def _apply_cover(trans, cover, first, last):
-    """Multiply cells by 1 - the coverage of a branch, and clear it."""
+def _apply_cover(sky, panel):
+    """Multiply the cells of a panel by 1 - the coverage of a branch, and clear it."""
     zero = np.float32(0.0)
     one = np.float32(1.0)
-    for i in range(np.uint64(first), np.uint64(last)):
-        t = one - cover[i]
-        t = trans[i] * (t if t > zero else zero)
-        trans[i] = t if t > DARK else zero
-        cover[i] = zero
+    first = panel * np.uint64(SKY_ROWS * PANEL)
+    for i in range(first, first + np.uint64(PANEL)):
+        t = one - sky[i + np.uint64(COVER)]
+        t = sky[i + np.uint64(OPEN)] * (t if t > zero else zero)
+        sky[i + np.uint64(OPEN)] = t if t > DARK else zero
+        sky[i + np.uint64(COVER)] = zero
+
+
+@_jit_fused
+def _tiles_of_cap(tile, n_tiles, ax, ay, az, cosine, sine, found):
+    """Tiles that a cap of the given width around an axis touches, in ``found``; returns how many."""
+    n = np.uint64(0)
+    for k in range(np.uint64(n_tiles // QUARTERS)):
+        x = tile[k * np.uint64(TILE_ROWS)]
+        y = tile[k * np.uint64(TILE_ROWS) + np.uint64(1)]
+        z = tile[k * np.uint64(TILE_ROWS) + np.uint64(2)]
+        over = sine * tile[k * np.uint64(TILE_ROWS) + np.uint64(3)] - cosine + az * z
+        along = ax * x + ay * y
+        across = ay * x - ax * y
+        t = k * np.uint64(QUARTERS)
+        found[n] = t
+        n += np.uint64(along > -over)
+        found[n] = t + np.uint64(1)
+        n += np.uint64(across > -over)
+        found[n] = t + np.uint64(2)
+        n += np.uint64(along < over)
+        found[n] = t + np.uint64(3)
+        n += np.uint64(across < over)
+    return n
 
 
 @_jit
-def _shade_branches(
-    px, py, pz, branches, cos_reach, sin_reach, blur, wx, wy, wz, cell_first, cell_last, cover, trans
-):
+def _finish_branch(sky, covered):
+    """Shade the panels that it may cover."""
+    for panel in range(np.uint64(covered.size)):
+        if covered[panel]:
+            _apply_cover(sky, panel)
+            covered[panel] = False
+
+
+@_jit
+def _shade_branches(px, py, pz, branches, cos_reach, sin_reach, blur, tile, found, covered, sky):
     """All branches on one point; pieces that contain it do not shade it."""
-    low = wx.size  # cells that the present branch may cover
-    high = 0
+    n_tiles = sky.size // (SKY_ROWS * LANES)
     for k in range(branches.shape[0]):
-        if branches[k, 11] == 0.0 and low < high:
-            _apply_cover(trans, cover, low, high)
-            low = wx.size
-            high = 0
+        if branches[k, 11] == 0.0:
+            _finish_branch(sky, covered)
         x = branches[k, 0] - px
         y = branches[k, 1] - py
         z = branches[k, 2] - pz
@@ -281,42 +457,48 @@ def _shade_branches(
         my = y + 0.5 * ey
         mz = z + 0.5 * ez
         d = math.sqrt(mx * mx + my * my + mz * mz)
-        first = 0
-        last = wx.size
         bound = branches[k, 10]
+        cosine = np.float32(-1.0)  # all tiles
+        sine = np.float32(0.0)
+        inv = np.float32(0.0)
         if bound < d:
+            inv = np.float32(1.0 / d)
             s = bound / d
             c = math.sqrt(1.0 - s * s)
-            cos_width = c * cos_reach - s * sin_reach
-            first, last = _cell_range(mz / d, cos_width, s * cos_reach + c * sin_reach, cell_first, cell_last)
-            if first >= last:
-                continue
+            cosine = np.float32(c * cos_reach - s * sin_reach)
+            sine = np.float32(s * cos_reach + c * sin_reach)
         elif _nearest_gap(x, y, z, ex, ey, ez, r, dr) <= 0.0:
             continue
-        unit = 1.0 / max(d, bound)
-        _cover_cone(
-            cover,
-            wx,
-            wy,
-            wz,
-            first,
-            last,
-            np.float32(x * unit),
-            np.float32(y * unit),
-            np.float32(z * unit),
-            np.float32(ex * unit),
-            np.float32(ey * unit),
-            np.float32(ez * unit),
-            np.float32(r * unit),
-            np.float32(dr * unit),
-            np.float32(branches[k, 8]),
-            np.float32(branches[k, 9]),
-            blur,
+        n = _tiles_of_cap(
+            tile,
+            n_tiles,
+            np.float32(mx) * inv,
+            np.float32(my) * inv,
+            np.float32(mz) * inv,
+            cosine,
+            sine,
+            found,
         )
-        low = min(low, first)
-        high = max(high, last)
-    if low < high:
-        _apply_cover(trans, cover, low, high)
+        unit = 1.0 / max(d, bound)
+        for m in range(n):
+            t = found[m]
+            _cover_cone(
+                sky,
+                _place_of_tile(t),
+                np.float32(x * unit),
+                np.float32(y * unit),
+                np.float32(z * unit),
+                np.float32(ex * unit),
+                np.float32(ey * unit),
+                np.float32(ez * unit),
+                np.float32(r * unit),
+                np.float32(dr * unit),
+                np.float32(branches[k, 8]),
+                np.float32(branches[k, 9]),
+                blur,
+            )
+            covered[t // np.uint64(PANEL // LANES)] = True
+    _finish_branch(sky, covered)
 
 
 @_jit
@@ -407,6 +589,46 @@ def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, trans):
 
 
 @_jit
+def _open_sky(grid):
+    """A clear sky."""
+    n_cells = grid[0].size
+    sky = _aligned_room(SKY_ROWS * n_cells)
+    for panel in range(n_cells // PANEL):
+        for j in range(PANEL):
+            at = panel * SKY_ROWS * PANEL + j
+            sky[at] = grid[0][panel * PANEL + j]
+            sky[at + PANEL] = grid[1][panel * PANEL + j]
+            sky[at + 2 * PANEL] = grid[2][panel * PANEL + j]
+            sky[at + OPEN] = 1.0
+            sky[at + COVER] = 0.0
+    return sky
+
+
+@_jit
+def _dim_sky(sky, finer):
+    """Write the means over the finer directions into the sky."""
+    n_cells = np.uint64(finer.size // SUBCELLS)
+    for panel in range(n_cells // np.uint64(PANEL)):
+        to = panel * np.uint64(SKY_ROWS * PANEL) + np.uint64(OPEN)
+        for j in range(np.uint64(PANEL)):
+            i = panel * np.uint64(PANEL) + j
+            total = finer[i] + finer[n_cells + i]
+            total += finer[np.uint64(2) * n_cells + i] + finer[np.uint64(3) * n_cells + i]
+            sky[to + j] = total * np.float32(0.25)
+
+
+@_jit
+def _take_light(sky, trans):
+    """Read what is let through from the sky, and open it for the next point."""
+    for panel in range(np.uint64(trans.size // PANEL)):
+        at = panel * np.uint64(SKY_ROWS * PANEL) + np.uint64(OPEN)
+        for j in range(np.uint64(PANEL)):
+            t = sky[at + j]
+            trans[panel * np.uint64(PANEL) + j] = t if t > DARK else np.float32(0.0)
+            sky[at + j] = np.float32(1.0)
+
+
+@_jit
 def gather(
     points,
     own,
@@ -430,15 +652,23 @@ def gather(
     ``branches`` (m, 12): start, end - start, radius, its change, joined at start and end, half length +
     radius, and whether it goes on from the row before.
     ``seen`` (n, 4 N) float32 is what the meshes let through per finer direction, or has no row.
+    ``grid``: x, y, z (N,) float32 of the cells, LANES to a tile, PANEL to a tile with its quarter turns, 0
+    where filled up; and TILE_ROWS float32 for each panel, flat, filled up to an even number of panels.
     ``weight`` (4, N) float64: share of the light of each cell, and its three components times the direction.
+    ``trans`` (N,) float32 is scratch.
     """
-    wx, wy, wz, cell_first, cell_last = grid  # once: each time counts references, atomically
-    n_cells = wx.size
+    tile = grid[3]
+    n_cells = grid[0].size
+    sky = _open_sky(grid)
     finer = np.empty(SUBCELLS * n_cells, np.float32)
-    cover = np.zeros(n_cells, np.float32)
-    above = np.empty(BLOCK + 1, np.int32)
-    cap = np.zeros(7 * ROW, np.float32)
-    cap[6 * ROW + BLOCK] = HEIGHT_BINS
+    cap = _aligned_room(CAP_ROWS * BATCH)
+    hit = np.empty(BATCH, np.uint32)
+    pair = np.empty(GROUP * BATCH + GROUP, np.uint16)
+    found = np.empty(n_cells // LANES + 1, np.uint64)
+    covered = np.zeros(n_cells // PANEL, np.bool_)
+    sin_tent = math.sin(tent)
+    place, size, rank, top, middle_x, middle_y, radius = _sort_leaves(n_leaves, leaves, sin_tent)
+    rise = sin_tent / (1.0 - sin_tent)
     sin_blur = np.float32(math.sin(blur))
     cos_reach = math.cos(2.0 * blur)  # a strip's blurred corner lies sqrt(2) blurs off
     sin_reach = math.sin(2.0 * blur)
@@ -448,7 +678,6 @@ def gather(
         px = points[q, 0]
         py = points[q, 1]
         pz = points[q, 2]
-        trans[:] = 1.0
         if any_obstacle:
             finer[:] = 1.0
             if seen.shape[0] > 0:
@@ -465,27 +694,29 @@ def gather(
                 fine[2],
                 finer,
             )
-            for i in range(n_cells):
-                total = finer[i] + finer[n_cells + i] + finer[2 * n_cells + i] + finer[3 * n_cells + i]
-                trans[i] = total * np.float32(0.25)
-        around = _shade_leaves(
-            px,
-            py,
-            pz,
-            n_leaves,
-            leaves,
-            own[q],
-            sin_blur,
-            cos_tent,
-            cap,
-            above,
-            wx,
-            wy,
-            wz,
-            cell_first,
-            cell_last,
-            trans,
-        )
+            _dim_sky(sky, finer)
+        around = 1.0
+        n_groups = top.size
+        if n_groups > 0:
+            bar = pz - rise * (math.hypot(px - middle_x, py - middle_y) + radius)
+            while n_groups > 0 and top[n_groups - 1] < bar:
+                n_groups -= 1
+            around = _shade_leaves(
+                px,
+                py,
+                pz,
+                n_groups * LANES,
+                rank[own[q]] if own[q] >= 0 else -1,
+                place,
+                size,
+                sin_blur,
+                cos_tent,
+                cap,
+                tile,
+                hit,
+                pair,
+                sky,
+            )
         _shade_branches(
             px,
             py,
@@ -494,17 +725,14 @@ def gather(
             cos_reach,
             sin_reach,
             np.float32(blur),
-            wx,
-            wy,
-            wz,
-            cell_first,
-            cell_last,
-            cover,
-            trans,
+            tile,
+            found,
+            covered,
+            sky,
         )
-        for row in range(4):
-            total = around * _dot(weight[row], trans)
-            if row == 0:
-                amount[q] = total
-            else:
-                vector[q, row - 1] = total
+        _take_light(sky, trans)
+        light, x, y, z = _weigh(weight, trans)
+        amount[q] = around * light
+        vector[q, 0] = around * x
+        vector[q, 1] = around * y
+        vector[q, 2] = around * z

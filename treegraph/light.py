@@ -70,6 +70,9 @@ BLUR = 0.5  # half width of a shadow's blurred edge, in widths of a cell
 TENT = 1.15  # radius of the spot that a sphere smaller than a cell is spread over, in widths of a cell
 CHUNK_RAYS = 1 << 20  # rays against meshes in one go: 24 MB
 NO_OWN = -1
+ROUNDS = 200  # steps to the middle of a tile
+ROUNDING = 1e-5  # added to a tile's radius, radians: what float32 may miss
+NEVER = -1e9  # tangent of the radius of a tile that nothing touches
 
 
 @dataclass(frozen=True)
@@ -586,10 +589,14 @@ def _cone_blocks(
 
 
 class _Cells(NamedTuple):
-    """Cells of about equal size in rings of equal height in angle; the first ring is around the zenith."""
+    """Cells of about equal size in rings of equal height in angle; the first ring is around the zenith.
 
-    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles, 0 at the end; first, last cell by height
+    They stand in tiles: compact patches of 16, of which four are quarter turns of each other.
+    """
+
+    grid: tuple[NDArray, ...]  # x, y, z (N,) float32 of the middles, 0 where filled up; _tile_rows
     fine: NDArray[np.float32]  # (3, 4 N): four directions per cell, all cells' first, then all second ...
+    order: NDArray[np.int64]  # (N,) which cell, counted ring by ring, stands there; -1 where filled up
     edge: NDArray[np.float64]  # (rings + 1,) heights between the rings
     per_ring: NDArray[np.int64]  # (rings,) cells per ring
     width: float  # square root of a cell's mean solid angle
@@ -598,30 +605,72 @@ class _Cells(NamedTuple):
 @lru_cache(maxsize=8)
 def _sky_cells(rings: int) -> _Cells:
     """Cells of the upper hemisphere; multiples of four in each ring, no finer direction on an axis."""
-    from treegraph._light_kernels import HEIGHT_BINS, LANES
-
     polar = (np.arange(rings) + 0.5) * (math.pi / 2 / rings)
     count = 4 * np.maximum(1, np.rint(np.sin(polar) * rings)).astype(np.int64)
-    start = np.concatenate([[0], np.cumsum(count)])
     edge = np.cos(np.linspace(0.0, math.pi / 2, rings + 1))
     edge[-1] = 0.0
-    middle = (edge[:-1] + edge[1:]) / 2
-    size = -(-int(start[-1]) // LANES) * LANES
     one, two = (_cell_points(edge, count, parts).transpose(2, 1, 0) for parts in (1, 2))
-    xyz = tuple(_aligned(size) for _ in range(3))
-    fine = np.zeros((3, 4, size), np.float32)
-    fine[:, :, : start[-1]] = two
-    low = np.arange(HEIGHT_BINS + 1) / HEIGHT_BINS
-    first = np.searchsorted(-middle, -(low + 1.0 / HEIGHT_BINS), side="left")  # at or below the bin's top
-    last = np.searchsorted(-middle, -low, side="right")  # above the bin's bottom
-    cell_first = start[first] // LANES * LANES
-    cell_last = -(-start[last] // LANES) * LANES
+    order = _order_cells(one[:, 0].T, count)
+    there = order >= 0
+    xyz = tuple(_aligned(len(order)) for _ in range(3))
+    fine = np.zeros((3, 4, len(order)), np.float32)
+    fine[:, :, there] = two[:, :, order[there]]
     for to, values in zip(xyz, one[:, 0], strict=True):
-        to[: start[-1]] = values
-    for array in (*xyz, fine, cell_first, cell_last):
+        to[there] = values[order[there]]
+    tile = _tile_rows(np.column_stack(xyz).astype(np.float64), there)
+    frozen: tuple[NDArray, ...] = (*xyz, tile, fine, order)
+    for array in frozen:
         array.flags.writeable = False
-    width = math.sqrt(2.0 * math.pi / start[-1])
-    return _Cells((*xyz, cell_first, cell_last), fine.reshape(3, -1), edge, count, width)
+    width = math.sqrt(2.0 * math.pi / count.sum())
+    return _Cells((*xyz, tile), fine.reshape(3, -1), order, edge, count, width)
+
+
+def _order_cells(direction: NDArray[np.float64], count: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cells in tiles, each followed by its three quarter turns; -1 where a tile is not full."""
+    from treegraph._light_kernels import LANES, QUARTERS
+
+    n = count.sum()
+    turn = np.repeat(count // QUARTERS, count)  # a cell's number grows by so much in a quarter turn
+    place = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
+    quarter = _halve(direction, np.flatnonzero(place < turn))
+    first = np.full(-(-len(quarter) // LANES) * LANES, -1)
+    first[: len(quarter)] = quarter
+    tile = np.where(first < 0, -1, first + np.arange(QUARTERS)[:, None] * turn[first])
+    return tile.reshape(QUARTERS, -1, LANES).transpose(1, 0, 2).ravel()
+
+
+def _halve(direction: NDArray[np.float64], cell: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Reorder cells so that each 16 that follow each other lie close together: cut across, and cut again."""
+    from treegraph._light_kernels import LANES
+
+    if len(cell) <= LANES:
+        return cell
+    here = direction[cell]
+    longest = np.linalg.svd(here - here.mean(axis=0))[2][0]
+    cell = cell[np.argsort((here @ longest).round(9), kind="stable")]
+    half = -(-len(cell) // LANES) // 2 * LANES
+    return np.concatenate([_halve(direction, part) for part in (cell[:half], cell[half:])])
+
+
+def _tile_rows(direction: NDArray[np.float64], there: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Caps around every fourth tile, flat: x, y, z of the axis over cos(radius), tan(radius)."""
+    from treegraph._light_kernels import GROUP, LANES, PANEL, QUARTERS, TILE_ROWS
+
+    cells = direction.reshape(-1, PANEL, 3)[:, :LANES]
+    there = there.reshape(-1, PANEL)[:, :LANES]
+    axis = cells.sum(axis=1)
+    for step in range(2, ROUNDS):  # towards the farthest cell, less and less: Badoiu and Clarkson's least cap
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        cosine = np.where(there, np.einsum("tcx,tx->tc", cells, axis), 1.0)
+        axis += (cells[np.arange(len(cells)), cosine.argmin(axis=1)] - axis) / step
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    cosine = np.where(there, np.einsum("tcx,tx->tc", cells, axis), 1.0).min(axis=1)
+    radius = np.arccos(np.minimum(cosine, 1.0)) + ROUNDING
+    in_group = GROUP // QUARTERS
+    rows = np.zeros((-(-len(cells) // in_group) * in_group, TILE_ROWS), np.float32)
+    rows[:, 3] = NEVER
+    rows[: len(cells)] = np.column_stack([axis / np.cos(radius)[:, None], np.tan(radius)])
+    return rows.ravel()
 
 
 def _aligned(size: int) -> NDArray[np.float32]:
@@ -658,10 +707,11 @@ def _cell_weight(rings: int, sky: Sky) -> NDArray[np.float64]:
     cells, direction = _sky_cells(rings), _subdivided(rings)
     area = np.repeat((cells.edge[:-1] - cells.edge[1:]) / cells.per_ring, cells.per_ring)
     bright = sky.radiance(direction) * area[:, None]
-    weight = np.vstack([bright.sum(axis=1), np.einsum("ij,ijk->ki", bright, direction)])
-    weight /= weight[0].sum()
-    padding = cells.grid[0].size - weight.shape[1]
-    weight = np.ascontiguousarray(np.pad(weight, ((0, 0), (0, padding))))
+    share = np.vstack([bright.sum(axis=1), np.einsum("ij,ijk->ki", bright, direction)])
+    share /= share[0].sum()
+    there = cells.order >= 0
+    weight = _aligned(2 * 4 * len(there)).view(np.float64).reshape(4, -1)
+    weight[:, there] = share[:, cells.order[there]]
     weight.flags.writeable = False
     return weight
 
