@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from render.parts import Material, Part, hull_mesh, tree_parts
     from render.patchmesh import BladeSettings, PatchMesh, blade_mesh, patch_mesh
     from render.plymesh import write_ply
+    from render.sheets import contact_sheet
     from render.textures import Texture
     from render.views import Preview, preview, turntable, write_gif
 
@@ -37,6 +38,7 @@ _LAZY = {
     "Texture": "textures",
     "blade_mesh": "patchmesh",
     "branch_mesh": "mesh",
+    "contact_sheet": "sheets",
     "decode_tree": "instancing",
     "find_gl": "gl",
     "flat_parts": "instancing",
@@ -73,6 +75,7 @@ __all__ = [
     "Texture",
     "blade_mesh",
     "branch_mesh",
+    "contact_sheet",
     "decode_tree",
     "find_gl",
     "flat_parts",

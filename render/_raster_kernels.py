@@ -83,6 +83,76 @@ def draw_triangles(screen, face, buffer, owner):
 
 
 @_jit
+def texel_rows(image, u, v, clamp):
+    """Where (u, v) is in an image whose first row is at v = 1: two columns, two rows, and how far between."""
+    height, width = image.shape[0], image.shape[1]
+    x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+    i, j = int(np.floor(x)), int(np.floor(y))
+    s, t = x - i, y - j
+    if clamp:
+        return (
+            min(max(i, 0), width - 1), min(max(i + 1, 0), width - 1),
+            min(max(j, 0), height - 1), min(max(j + 1, 0), height - 1), s, t,
+        )  # fmt: skip
+    return i % width, (i + 1) % width, j % height, (j + 1) % height, s, t
+
+
+@_jit
+def texel(image, at, c):
+    """One channel of an image (uint8), between its pixels."""
+    i, k, j, m, s, t = at
+    upper = (1.0 - s) * image[j, i, c] + s * image[j, k, c]
+    lower = (1.0 - s) * image[m, i, c] + s * image[m, k, c]
+    return (1.0 - t) * upper + t * lower
+
+
+@_jit
+def draw_textured(screen, face, uv, image, mode, clamp, both, buffer, owner):
+    """Draw triangles where their image's alpha is at least one half; backs too if ``both``.
+
+    Alpha is read from the whole image, however small the triangle: a sample hits or misses the leaf as it
+    would its outline, so that a crown is as dense from afar as from near.
+    """
+    height, width = buffer.shape
+    keep_owner = owner.size > 0
+    for f in range(face.shape[0]):
+        i, j, k = face[f, 0], face[f, 1], face[f, 2]
+        if screen[i, 2] == NOTHING or screen[j, 2] == NOTHING or screen[k, 2] == NOTHING:
+            continue
+        ax, ay, bx, by = screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1]
+        cx, cy = screen[k, 0], screen[k, 1]
+        x0 = max(int(np.ceil(min(ax, bx, cx) - 0.5)), 0)
+        x1 = min(int(np.floor(max(ax, bx, cx) - 0.5)), width - 1)
+        y0 = max(int(np.ceil(min(ay, by, cy) - 0.5)), 0)
+        y1 = min(int(np.floor(max(ay, by, cy) - 0.5)), height - 1)
+        if x1 < x0 or y1 < y0:
+            continue
+        area = -edge(ax, ay, bx, by, cx, cy)
+        if area == 0.0 or (area < 0.0 and not both):
+            continue
+        scale = 1.0 / area
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                u = -scale * edge(bx, by, cx, cy, x + 0.5, y + 0.5)
+                v = -scale * edge(cx, cy, ax, ay, x + 0.5, y + 0.5)
+                w = -scale * edge(ax, ay, bx, by, x + 0.5, y + 0.5)
+                if u < 0.0 or v < 0.0 or w < 0.0:
+                    continue
+                key = u * screen[i, 2] + v * screen[j, 2] + w * screen[k, 2]
+                if key <= buffer[y, x]:
+                    continue
+                if mode == PERSPECTIVE:
+                    u, v, w = u * screen[i, 2] / key, v * screen[j, 2] / key, w * screen[k, 2] / key
+                s = u * uv[i, 0] + v * uv[j, 0] + w * uv[k, 0]
+                t = u * uv[i, 1] + v * uv[j, 1] + w * uv[k, 1]
+                if texel(image, texel_rows(image, s, t, clamp), 3) < 127.5:
+                    continue
+                buffer[y, x] = key
+                if keep_owner:
+                    owner[y, x] = f
+
+
+@_jit
 def draw_points(screen, size, perspective, buffer, owner):
     """Draw points as discs of radius ``size`` pixels, in perspective ``size * key``; at least half of one."""
     height, width = buffer.shape
@@ -126,6 +196,34 @@ def resolve_triangles(screen, face, owner, mode, first, second, out_first, out_s
             for c in range(3):
                 out_first[y, x, c] = int(u * first[i, c] + v * first[j, c] + w * first[k, c] + 0.5)
                 out_second[y, x, c] = int(u * second[i, c] + v * second[j, c] + w * second[k, c] + 0.5)
+
+
+@_jit
+def resolve_textured(screen, face, owner, mode, first, second, uv, image, clamp, out_first, out_second):
+    """As :func:`resolve_triangles`, times the image's colours: 255 is 1."""
+    height, width = owner.shape
+    for y in range(height):
+        for x in range(width):
+            f = owner[y, x]
+            if f < 0:
+                continue
+            i, j, k = face[f, 0], face[f, 1], face[f, 2]
+            u = edge(screen[j, 0], screen[j, 1], screen[k, 0], screen[k, 1], x + 0.5, y + 0.5)
+            v = edge(screen[k, 0], screen[k, 1], screen[i, 0], screen[i, 1], x + 0.5, y + 0.5)
+            w = edge(screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1], x + 0.5, y + 0.5)
+            if mode == PERSPECTIVE:
+                u, v, w = u * screen[i, 2], v * screen[j, 2], w * screen[k, 2]
+            total = u + v + w
+            u, v, w = u / total, v / total, w / total
+            s = u * uv[i, 0] + v * uv[j, 0] + w * uv[k, 0]
+            t = u * uv[i, 1] + v * uv[j, 1] + w * uv[k, 1]
+            at = texel_rows(image, s, t, clamp)
+            for c in range(3):
+                shade = texel(image, at, c) / 255.0
+                out_first[y, x, c] = int(shade * (u * first[i, c] + v * first[j, c] + w * first[k, c]) + 0.5)
+                out_second[y, x, c] = int(
+                    shade * (u * second[i, c] + v * second[j, c] + w * second[k, c]) + 0.5
+                )
 
 
 @_jit
@@ -182,6 +280,22 @@ def gather_sky(point, normal, shadows, axes, direction, weight, centre, focal, l
                 cosine = nx * direction[m, 0] + ny * direction[m, 1] + nz * direction[m, 2]
             if cosine > 0.0:
                 total += weight[m] * cosine * light_seen(shadows[m], axes[m], centre, focal, x, y, z, bias)
+        out[i] = total
+
+
+@_jit
+def gather_sky_through(
+    point, normal, through, shadows, axes, direction, weight, centre, focal, lift, bias, out
+):
+    """As :func:`gather_sky`, for thin surfaces: the part ``through`` of the far side's light comes too."""
+    for i in range(point.shape[0]):
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        total = 0.0
+        for m in range(direction.shape[0]):
+            cosine = nx * direction[m, 0] + ny * direction[m, 1] + nz * direction[m, 2]
+            side, share = (lift, cosine) if cosine > 0.0 else (-lift, -through * cosine)
+            x, y, z = point[i, 0] + side * nx, point[i, 1] + side * ny, point[i, 2] + side * nz
+            total += weight[m] * share * light_seen(shadows[m], axes[m], centre, focal, x, y, z, bias)
         out[i] = total
 
 

@@ -160,10 +160,7 @@ class GLRenderer:
             "yfov": float(2.0 * np.arctan(camera.tan_half)),
             "width": width,
             "height": height,
-            "layers": [
-                {"vertices": s.layer.vertices, "faces": s.layer.faces, "colors": (s.ambient, s.direct)}
-                for s in solid
-            ],
+            "layers": [_asked(lit) for lit in solid],
         }
         answers = iter(self._child.ask(request) if solid else ())
         return [
@@ -172,6 +169,19 @@ class GLRenderer:
             else _seen(*next(answers))
             for lit in layers
         ]
+
+
+def _asked(lit: LitLayer) -> dict[str, Any]:
+    """What the child needs of a layer."""
+    layer = lit.layer
+    out: dict[str, Any] = {
+        "vertices": layer.vertices,
+        "faces": layer.faces,
+        "colors": (lit.ambient, lit.direct),
+    }
+    if layer.image is not None:
+        out["texture"] = (layer.uv, layer.image, layer.clamp, layer.both_sides)
+    return out
 
 
 def _seen(depth: Any, images: Any) -> Seen:

@@ -43,6 +43,8 @@ GROUND_GRID = 192
 GROUND_BLUR = 6  # passes of a 1-2-1 filter
 POINT_COSINE = 0.6  # of the sun, on points, which have no side
 LEAF_SCATTER = 0.35  # part of the sun that a leafy or pointwise surface shows on its far side
+LEAF_THROUGH = 0.55  # part of the light on a thin leaf that comes out on its other side
+LEAF_TINT = np.array([1.0, 1.0, 0.55])  # of that light, which has passed through green
 STORED_MAX = 1.5  # brightest light that the 8-bit square-root code holds
 
 
@@ -66,6 +68,15 @@ class Layer:
         Part of the light that reaches the far side.
     point_radius : float
         Metres; of points.
+    uv : (v, 2) float32 or None
+        Texture coordinates; with an image only.
+    image : (h, w, 4) uint8 or None
+        What the albedo is multiplied with, as square roots of linear colour, and alpha: the surface is there
+        where it is at least one half. The first row is at v = 1.
+    clamp : bool
+        Whether the image's edge goes on beyond it; else it repeats.
+    both_sides : bool
+        Whether the back is drawn too, and lit as the thin leaf that it is; with an image only.
     """
 
     vertices: NDArray[np.float64]
@@ -75,6 +86,10 @@ class Layer:
     alpha: float = 1.0
     scatter: float = 0.0
     point_radius: float = 0.0
+    uv: NDArray[np.float32] | None = None
+    image: NDArray[np.uint8] | None = None
+    clamp: bool = False
+    both_sides: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +129,15 @@ class Light:
     sun: Rays
     sky: Rays
     to_camera: NDArray[np.float64]
+    eye: NDArray[np.float64] | None = None
 
 
-def make_light(layers: Sequence[Layer], sky: Rays | None, camera_axes: NDArray[np.float64]) -> Light:
+def make_light(
+    layers: Sequence[Layer],
+    sky: Rays | None,
+    camera_axes: NDArray[np.float64],
+    eye: NDArray[np.float64] | None = None,
+) -> Light:
     """Light from over the viewer's shoulder; the sky's maps can be kept from an earlier picture."""
     to_camera = -camera_axes[2]
     azimuth = np.arctan2(to_camera[1], to_camera[0]) + SUN_ASIDE
@@ -124,7 +145,7 @@ def make_light(layers: Sequence[Layer], sky: Rays | None, camera_axes: NDArray[n
     sun = np.array([[ce * np.cos(azimuth), ce * np.sin(azimuth), np.sin(SUN_ELEVATION)]])
     if sky is None:
         sky = cast_rays(layers, sky_directions(N_SKY), SKY_MAP)
-    return Light(cast_rays(layers, sun, SUN_MAP), sky, to_camera)
+    return Light(cast_rays(layers, sun, SUN_MAP), sky, to_camera, eye)
 
 
 def sky_directions(n: int) -> NDArray[np.float64]:
@@ -165,8 +186,13 @@ def cast_rays(layers: Sequence[Layer], direction: NDArray[np.float64], size: int
             kernels.project(layer.vertices, axes[m], centre, focal, kernels.PARALLEL, size, size, screen)
             if layer.faces is None:
                 kernels.draw_points(screen, layer.point_radius * focal, False, shadow[m], nobody)
-            else:
+            elif layer.image is None:
                 kernels.draw_triangles(screen, layer.faces, shadow[m], nobody)
+            else:
+                kernels.draw_textured(
+                    screen, layer.faces, layer.uv, layer.image, kernels.PARALLEL, layer.clamp,
+                    layer.both_sides, shadow[m], nobody,
+                )  # fmt: skip
 
     with ThreadPoolExecutor(max_workers=min(4, len(direction))) as pool:
         list(pool.map(draw, range(len(direction))))
@@ -181,6 +207,8 @@ def light_layer(layer: Layer, light: Light) -> tuple[NDArray[np.uint8], NDArray[
     ambient, direct : (v, 3) uint8
         Square roots of linear colour, scaled so that 255 is `STORED_MAX`.
     """
+    if layer.both_sides:
+        return _light_leaves(layer, light)
     normals = layer.normals
     sky = gather_sky(layer.vertices, normals, light.sky)[:, None]
     s = layer.scatter
@@ -192,6 +220,21 @@ def light_layer(layer: Layer, light: Light) -> tuple[NDArray[np.uint8], NDArray[
     openness = np.minimum(1.0, 0.25 + 1.5 * sky)  # what the sky does not reach, its reflection hardly does
     ambient = SKY_COLOR * sky + openness * (BOUNCE_COLOR * (1.0 - up) + FILL_COLOR * front)
     return _encode(layer.albedo * ambient), _encode(layer.albedo * SUN_COLOR * cosine)
+
+
+def _light_leaves(layer: Layer, light: Light) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """As :func:`light_layer`, for thin surfaces: the side that is seen, and light that comes through."""
+    to_eye = light.to_camera if light.eye is None else light.eye - layer.vertices
+    away = (layer.normals * to_eye).sum(axis=1) < 0.0
+    normals = np.where(away[:, None], -layer.normals, layer.normals)
+    sky = gather_sky(layer.vertices, normals, light.sky, through=LEAF_THROUGH)[:, None]
+    cosine = (normals @ light.sun.direction[0])[:, None]
+    sun = cosine.clip(0.0) + LEAF_THROUGH * LEAF_TINT * (-cosine).clip(0.0)
+    up = (0.5 + 0.5 * normals[:, 2])[:, None]
+    front = np.abs(normals @ light.to_camera)[:, None]
+    openness = np.minimum(1.0, 0.25 + 1.5 * sky)
+    ambient = SKY_COLOR * sky + openness * (BOUNCE_COLOR * (1.0 - up) + FILL_COLOR * front)
+    return _encode(layer.albedo * ambient), _encode(layer.albedo * SUN_COLOR * sun)
 
 
 def ground_sky(sky: Rays, centre: NDArray[np.float64], ground_z: float, rim: float) -> NDArray[np.float64]:
@@ -230,8 +273,13 @@ def to_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1.0 / 2.4) - 0.055)
 
 
-def gather_sky(points: NDArray[np.float64], normals: NDArray[np.float64], rays: Rays) -> NDArray[np.float64]:
-    """Part of an open sky's light on a level surface that reaches each point."""
+def gather_sky(
+    points: NDArray[np.float64], normals: NDArray[np.float64], rays: Rays, *, through: float = 0.0
+) -> NDArray[np.float64]:
+    """Part of an open sky's light on a level surface that reaches each point.
+
+    With `through`, that part of the light on the far side comes through.
+    """
     from render import _raster_kernels as kernels
 
     weight = np.full(len(rays.direction), 1.0)
@@ -241,10 +289,11 @@ def gather_sky(points: NDArray[np.float64], normals: NDArray[np.float64], rays: 
 
     def part(rows: NDArray[np.int64]) -> None:
         chosen = slice(rows[0], rows[-1] + 1)
-        kernels.gather_sky(
-            points[chosen], normals[chosen], rays.shadow, rays.axes, rays.direction, weight,
-            rays.centre, rays.focal, rays.bias, rays.bias, out[chosen],
-        )  # fmt: skip
+        maps = (rays.shadow, rays.axes, rays.direction, weight, rays.centre, rays.focal, rays.bias, rays.bias)
+        if through > 0.0:
+            kernels.gather_sky_through(points[chosen], normals[chosen], through, *maps, out[chosen])
+        else:
+            kernels.gather_sky(points[chosen], normals[chosen], *maps, out[chosen])
 
     if len(points):
         with ThreadPoolExecutor(max_workers=len(halves)) as pool:

@@ -91,7 +91,7 @@ def draw_picture(
         For the next picture.
     """
     width, height = size
-    light = make_light(layers, sky, camera.axes)
+    light = make_light(layers, sky, camera.axes, camera.eye)
     lit = [LitLayer(layer, *light_layer(layer, light)) for layer in layers]
     seen = renderer.draw(camera, SAMPLES * width, SAMPLES * height, lit)
     shade = ground_sky(light.sky, stage.centre, stage.ground_z, stage.rim)

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.camera import Camera
+from render.gltf import check_coordinates
 from render.lighting import LEAF_SCATTER, Layer, to_linear
 from render.mesh import MeshSettings
 from render.parts import Part, tree_parts
-from render.picture import Stage
+from render.picture import SAMPLES, Stage
+from render.textures import shrink_image
 from treegraph import NO_PARENT, ClusterTree, InputError, TreeGraph
 
 __all__ = [
@@ -68,10 +70,21 @@ def pick_points(scan: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | N
 
 
 def find_outline(
-    tree: ClusterTree, cloud: tuple[NDArray[np.float64], Any] | None, more: Sequence[Part] = ()
+    tree: ClusterTree,
+    cloud: tuple[NDArray[np.float64], Any] | None,
+    more: Sequence[Part] = (),
+    instead: Sequence[Part] | None = None,
 ) -> NDArray[np.float64]:
-    """Points that have to be in the picture: branches at both sides, hulls, and the scan but for strays."""
-    parts = [*_surface(tree.graph), *(cluster.vertices for cluster in tree.clusters)]
+    """Points that have to be in the picture: branches at both sides, hulls, and the scan but for strays.
+
+    Parts that are drawn instead of branches and hulls are in the picture in the place of these.
+    """
+    if instead is None:
+        parts = [*_surface(tree.graph), *(cluster.vertices for cluster in tree.clusters)]
+    else:
+        parts = [part.mesh.vertices for part in instead]
+        if not sum(len(vertices) for vertices in parts):
+            raise InputError("there is nothing to draw: the parts have no vertices")
     parts += [part.mesh.vertices for part in more]
     if cloud is not None:
         xyz = cloud[0]
@@ -103,20 +116,34 @@ def tree_layers(
     size: tuple[int, int],
     settings: MeshSettings | None,
     more: Sequence[Part] = (),
+    instead: Sequence[Part] | None = None,
 ) -> list[Layer]:
-    """Wood, hulls and `more` as layers; branches thinner than a sample are thickened to one."""
+    """Wood, hulls and `more` as layers; branches thinner than a sample are thickened to one.
+
+    Parts that are drawn `instead` of wood and hulls are drawn as they are.
+    """
     settings = settings or PREVIEW_MESH
     depth = float((np.median(tree.graph.position, axis=0) - camera.eye) @ camera.axes[2])
     pixel = depth / camera.focal(size[1])
     settings = replace(settings, min_radius=max(THIN_BRANCH * pixel, settings.min_radius))
-    layers = [_part_layer(part) for part in (*tree_parts(tree, settings), *more) if len(part.mesh.faces)]
+    own = tree_parts(tree, settings) if instead is None else instead
+    layers = [_part_layer(part, pixel) for part in (*own, *more) if len(part.mesh.faces)]
     if not layers:
         raise InputError("there is nothing to draw: the tree has neither branches nor clusters")
     return layers
 
 
-def _part_layer(part: Part) -> Layer:
+def _part_layer(part: Part, pixel: float) -> Layer:
+    """A part as a layer; `pixel` is how large a pixel is on it, metres."""
     mesh, material = part.mesh, part.material
+    textured: dict[str, Any] = {}
+    if material.texture is not None:
+        check_coordinates([part])
+        cut = material.alpha_cutoff is not None
+        image = material.texture.coded(material.alpha_cutoff)
+        if not cut:  # bark: an image is one metre high
+            image = shrink_image(image, int(pixel / SAMPLES * len(image)))
+        textured = {"uv": mesh.uv, "image": image, "clamp": cut, "both_sides": material.double_sided}
     albedo = np.tile(to_linear(np.array(material.color)), (len(mesh.vertices), 1))
     if mesh.color is not None:
         albedo *= to_linear(mesh.color / 255.0)
@@ -127,6 +154,7 @@ def _part_layer(part: Part) -> Layer:
         albedo=albedo,
         alpha=material.alpha,
         scatter=LEAF_SCATTER if material.double_sided else 0.0,
+        **textured,
     )
 
 

@@ -66,6 +66,15 @@ class SoftwareRenderer:
         if layer.faces is None:
             kernels.draw_points(screen, layer.point_radius * focal, True, key, owner)
             kernels.resolve_points(owner, lit.ambient, lit.direct, ambient, direct)
+        elif layer.image is not None:
+            image = (layer.uv, layer.image)
+            kernels.draw_textured(
+                screen, layer.faces, *image, kernels.PERSPECTIVE, layer.clamp, layer.both_sides, key, owner
+            )
+            kernels.resolve_textured(
+                screen, layer.faces, owner, kernels.PERSPECTIVE, lit.ambient, lit.direct, *image, layer.clamp,
+                ambient, direct,
+            )  # fmt: skip
         else:
             kernels.draw_triangles(screen, layer.faces, key, owner)
             kernels.resolve_triangles(

@@ -90,6 +90,17 @@ class Texture:
         out[..., :3] = self.pixels[row, column, :3]
         return out
 
+    def coded(self, cutoff: float | None) -> NDArray[np.uint8]:
+        """The image for :class:`render.lighting.Layer`: (h, w, 4) uint8, alpha cut at one half."""
+        from render.lighting import to_linear
+
+        out = np.full((*self.pixels.shape[:2], 4), 255, np.uint8)
+        color = self.pixels if cutoff is None else self.spread(cutoff)
+        out[..., :3] = np.rint(255.0 * np.sqrt(to_linear(color[..., :3] / 255.0)))
+        if cutoff is not None:
+            out[..., 3] = np.clip(np.rint(self.pixels[..., 3] + 255.0 * (0.5 - cutoff)), 0.0, 255.0)
+        return out
+
     def encode_png(self, cutoff: float = CUTOFF) -> bytes:
         """The image as a PNG file, colours spread beyond the outline."""
         from PIL import Image
@@ -97,6 +108,17 @@ class Texture:
         out = io.BytesIO()
         Image.fromarray(self.spread(cutoff)).save(out, "PNG", compress_level=9)
         return out.getvalue()
+
+
+def shrink_image(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """The coded image with blocks of pixels averaged as light: halved while `factor` is 2 or more."""
+    while factor >= 2 and min(image.shape[:2]) >= 2:
+        height, width = (side // 2 * 2 for side in image.shape[:2])
+        light = image[:height, :width].astype(np.float64) ** 2
+        light = light.reshape(height // 2, 2, width // 2, 2, 4).mean(axis=(1, 3))
+        image = np.rint(np.sqrt(light)).astype(np.uint8)
+        factor //= 2
+    return image
 
 
 def check_texture(name: str, value: Any) -> None:

@@ -78,6 +78,7 @@ def preview(
     renderer: str = "auto",
     settings: MeshSettings | None = None,
     more: Sequence[Part] = (),
+    parts: Sequence[Part] | None = None,
 ) -> Preview:
     """Draw a tree, and its scan beside it if there is one.
 
@@ -109,6 +110,9 @@ def preview(
         How finely the branches are meshed.
     more : sequence of Part
         What else is drawn with the tree: leaves, neighbours, obstacles. Opaque ones first.
+    parts : sequence of Part, optional
+        What is drawn in the place of the tree's branches and hulls: those of a decoded tree, for instance
+        (:func:`render.flat_parts`). Opaque ones first.
 
     Returns
     -------
@@ -126,14 +130,14 @@ def preview(
     _check_view(size, azimuth, elevation, renderer, path)
     starting = _start_gl(renderer)
     cloud = None if scan is None else pick_points(scan)
-    outline = find_outline(tree, cloud, more)
+    outline = find_outline(tree, cloud, more, parts)
     axes = view_axes(broad_side(outline) if azimuth is None else azimuth, elevation)
     n_panels = 1 if cloud is None else 2
     panel, width = choose_panels(size, n_panels, outline, axes)
     framed = np.concatenate([outline, foot_points(outline, tree)])
     camera = fit_camera(framed, axes, *panel, bottom=CAPTION_ROOM if captions else MARGIN)
     stage = set_stage(outline, tree)
-    scenes = [tree_layers(tree, camera, panel, settings, more)]
+    scenes = [tree_layers(tree, camera, panel, settings, more, parts)]
     if cloud is not None:
         scenes.insert(0, [scan_layer(*cloud, camera, panel)])
     starting.join()
@@ -157,6 +161,7 @@ def turntable(
     renderer: str = "auto",
     settings: MeshSettings | None = None,
     more: Sequence[Part] = (),
+    parts: Sequence[Part] | None = None,
 ) -> Preview:
     """Draw a tree from all sides: an animated GIF, or one PNG per frame.
 
@@ -170,7 +175,7 @@ def turntable(
         Pictures in one turn, 1 to 720.
     seconds : float
         Time of one turn in the GIF, > 0.
-    size, elevation, renderer, settings, more
+    size, elevation, renderer, settings, more, parts
         As in :func:`preview`; the size is that of every frame.
 
     Returns
@@ -192,11 +197,11 @@ def turntable(
     if path.suffix.lower() not in ("", ".gif"):
         raise InputError(f"a turntable is written to NAME.gif or to a folder, got {path.name!r}")
     starting = _start_gl(renderer)
-    outline = find_outline(tree, None, more)
+    outline = find_outline(tree, None, more, parts)
     stage = set_stage(outline, tree)
     first = broad_side(outline)
     camera = fit_camera(revolve(outline, stage), view_axes(0.0, elevation), *size)
-    layers = tree_layers(tree, camera, size, settings, more)
+    layers = tree_layers(tree, camera, size, settings, more, parts)
     starting.join()
     images, used, notice, sky = [], "", None, None
     for k in range(frames):
