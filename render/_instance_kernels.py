@@ -84,6 +84,29 @@ def place_faces(first, last, patch, face_start, in_face, face_at, vertex_at, out
 
 
 @_jit
+def wrap_tubes(vertex, start, tile, uv):
+    """Repeat a bark image of ``tile`` metres around and along tubes whose vertices begin at ``start``.
+
+    Around, as many whole times as fit the tube's longest ring best: neighbours on a ring have rising u.
+    """
+    for k in range(start.size - 1):
+        girth = 0.0
+        for i in range(start[k], start[k + 1] - 1):
+            step = uv[i + 1, 0] - uv[i, 0]
+            if step > 0.0:
+                x, y, z = (
+                    vertex[i + 1, 0] - vertex[i, 0],
+                    vertex[i + 1, 1] - vertex[i, 1],
+                    vertex[i + 1, 2] - vertex[i, 2],
+                )
+                girth = max(girth, np.sqrt(x * x + y * y + z * z) / step)
+        times = max(np.floor(girth / tile + 0.5), 1.0)
+        for i in range(start[k], start[k + 1]):
+            uv[i, 0] *= times
+            uv[i, 1] /= tile
+
+
+@_jit
 def repeat_rows(first, last, patch, vertex_start, in_item, vertex_at, width, out_item):
     """Copy what all instances of a patch have in common, ``width`` items a vertex; flat arrays."""
     for i in range(first, last):

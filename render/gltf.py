@@ -116,10 +116,10 @@ def encode_instanced_glb(
     foliage = tree.foliage
     used = [g for g in np.flatnonzero(np.diff(tree.start)).tolist() if foliage.meshes[g].n_faces]
     wood = Part("wood", tree.wood, foliage.bark)
-    meshes = [foliage.meshes[g] for g in used]
+    meshes = [(foliage.twigs[g], foliage.meshes[g].leaves) for g in used]
     pieces = [wood]
-    for mesh in meshes:
-        pieces += [Part("twigs", mesh.twigs, foliage.bark), Part("leaves", mesh.leaves, foliage.leaf)]
+    for twigs, leaves in meshes:
+        pieces += [Part("twigs", twigs, foliage.bark), Part("leaves", leaves, foliage.leaf)]
     check_parts(pieces)
     check_coordinates(pieces)
     build = _Builder()
@@ -127,8 +127,8 @@ def encode_instanced_glb(
     if len(tree.wood.faces):
         build.add_node("wood", [(tree.wood, foliage.bark)])
     digits = max(len(str(len(foliage.meshes) - 1)), 2)
-    for g, mesh in zip(used, meshes, strict=True):
-        both = [(mesh.twigs, foliage.bark), (mesh.leaves, foliage.leaf)]
+    for g, (twigs, leaves) in zip(used, meshes, strict=True):
+        both = [(twigs, foliage.bark), (leaves, foliage.leaf)]
         build.add_node(f"patch_{g:0{digits}d}", [pair for pair in both if len(pair[0].faces)])
         rows = slice(tree.start[g], tree.start[g + 1])
         build.add_instances(tree.position[rows], tree.rotation[rows], tree.scale[rows])

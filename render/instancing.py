@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from render.levels import check_share, thickest_edges
 from render.mesh import MAX_VERTICES, Mesh, MeshSettings, branch_mesh
-from render.parts import WOOD, Material, Part
+from render.parts import WOOD, Material, Part, tile_bark
 from render.patchmesh import BladeSettings, PatchMesh, patch_meshes
 from species.patches import Instances, Patch
 from treegraph import InputError, TreeGraph
@@ -37,6 +37,8 @@ class Foliage:
     ----------
     meshes : tuple of PatchMesh
         One for each patch of the species, in their order.
+    twigs : tuple of Mesh
+        Their twigs, with texture coordinates that fit the bark (:func:`render.parts.tile_bark`).
     bark, leaf : Material
         Of branches and twigs, and of leaves.
     share : float
@@ -44,6 +46,7 @@ class Foliage:
     """
 
     meshes: tuple[PatchMesh, ...]
+    twigs: tuple[Mesh, ...]
     bark: Material
     leaf: Material
     share: float
@@ -171,8 +174,9 @@ def make_foliage(
     if len(ready) not in (0, len(patches)) or len(ready) + len(bare) != len(patches):
         raise InputError("patches must all be Patch or all be PatchMesh")
     meshes = tuple(ready) if ready else patch_meshes(bare, share, blade=blade, settings=settings)
-    twigs = _template([mesh.twigs for mesh in meshes])
-    return Foliage(meshes, bark, leaf, share, twigs, _template([mesh.leaves for mesh in meshes]))
+    twigs = tuple(tile_bark(mesh.twigs, bark) for mesh in meshes)
+    leaves = _template([mesh.leaves for mesh in meshes])
+    return Foliage(meshes, twigs, bark, leaf, share, _template(twigs), leaves)
 
 
 def decode_tree(
@@ -215,7 +219,7 @@ def decode_tree(
             f"{instances.patch[bad[0]]}; {bad.size} of {n} instances break this"
         )
     thick, node = thickest_edges(graph, foliage.share)
-    wood = branch_mesh(thick, settings)
+    wood = tile_bark(branch_mesh(thick, settings), foliage.bark)
     if len(node) < graph.n_nodes and wood.node is not None:
         wood.node[:] = node[wood.node]
     start, row = np.empty(n_patches + 1, np.int64), np.empty(n, np.int32)

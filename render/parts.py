@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from render.mesh import Mesh, MeshSettings, branch_mesh
 from render.textures import Texture, check_texture
 from treegraph import Cluster, ClusterTree, InputError
 
-__all__ = ["LEAF", "WOOD", "Material", "Part", "hull_mesh", "tree_parts"]
+__all__ = ["LEAF", "WOOD", "Material", "Part", "hull_mesh", "tile_bark", "tree_parts"]
 
 ROUND_SHARE = 0.35  # how far a hull's normals lean from its surface to the rays from its middle
 GOLDEN = 0.6180339887498949  # steps of it spread evenly over the unit interval: one shade per cluster
@@ -42,6 +42,8 @@ class Material:
         The surface is there where the texture's alpha is at least this, 0 to 1; None: everywhere.
     normal_texture : Texture or None
         Normal map (glTF's: x to the right, y up in the image); for exports.
+    tile : float
+        Of bark: width and height that the texture covers, metres, > 0. See :func:`render.parts.tile_bark`.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Material:
     texture: Texture | None = None
     alpha_cutoff: float | None = None
     normal_texture: Texture | None = None
+    tile: float = 1.0
 
     def __post_init__(self) -> None:
         color = tuple(float(c) for c in self.color)
@@ -64,6 +67,8 @@ class Material:
             raise InputError(
                 f"a material's alpha_cutoff must be above 0 and at most 1, got {self.alpha_cutoff!r}"
             )
+        if not 0.0 < self.tile < np.inf:
+            raise InputError(f"a material's tile must be a length > 0 metres, got {self.tile!r}")
         check_texture("texture", self.texture)
         check_texture("normal_texture", self.normal_texture)
         if self.alpha_cutoff is not None and (self.texture is None or not self.texture.has_alpha):
@@ -82,6 +87,24 @@ class Part:
     name: str
     mesh: Mesh
     material: Material
+
+
+def tile_bark(mesh: Mesh, material: Material) -> Mesh:
+    """Texture coordinates with which a bark image covers `material.tile` metres along each tube.
+
+    Around a tube it is repeated a whole number of times, at least once, as fits the tube's thickest ring
+    best: so it has no seam. A mesh is returned as it is if the material has no texture, or if it is no tubes.
+    """
+    textured = material.texture is not None or material.normal_texture is not None
+    if not textured or mesh.uv is None or mesh.piece_start is None or not len(mesh.faces):
+        return mesh
+    from render import _instance_kernels as kernels
+
+    first = mesh.faces[:, 0]  # the least vertex of a tube is the first corner of one of its faces
+    start = np.append(np.minimum.reduceat(first, mesh.piece_start[:-1]), len(mesh.vertices))
+    uv = mesh.uv.copy()
+    kernels.wrap_tubes(mesh.vertices, start, float(material.tile), uv)
+    return replace(mesh, uv=uv)
 
 
 def tree_parts(tree: ClusterTree, settings: MeshSettings | None = None) -> tuple[Part, ...]:

@@ -44,12 +44,16 @@ class BladeSettings:
         Angle by which either half rises above the midrib's plane, radians, 0 to 1.5; needs `across` 2.
     bend : float
         Angle by which the tip points further down than the base, radians, -3 to 3; needs `along` 2 or more.
+    box : (float, float, float, float)
+        Left, bottom, right and top of the image: from the midrib in widths of the leaf, from the leaf's base
+        in lengths. An image with a margin, or of a lopsided leaf, reaches elsewhere than the leaf does.
     """
 
     across: int = 1
     along: int = 1
     fold: float = 0.0
     bend: float = 0.0
+    box: tuple[float, float, float, float] = (-0.5, 0.0, 0.5, 1.0)
 
     def __post_init__(self) -> None:
         rules = (
@@ -63,6 +67,19 @@ class BladeSettings:
         for name, good, rule in rules:
             if not good:
                 raise InputError(f"{name} must {rule}, got {getattr(self, name)!r}")
+        box = tuple(float(side) for side in self.box)
+        inside = len(box) == 4 and np.isfinite(box).all() and box[0] < 0.0 < box[2] and box[1] < box[3]
+        if not inside:
+            raise InputError(
+                f"box must have the midrib between left and right, and a height, got {self.box!r}"
+            )
+        object.__setattr__(self, "box", box)
+
+    @property
+    def area(self) -> float:
+        """Of the quads, over the leaf's length times its width."""
+        left, bottom, right, top = self.box
+        return (right - left) * (top - bottom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,28 +132,30 @@ def blade_mesh(leaves: LeafSet, blade: BladeSettings | None = None) -> Mesh:
 
     Notes
     -----
-    A blade's surface is its length times its width, but for blades that are folded and bent at once: their
-    sides run on a larger circle than the midrib, by ``1 + bend sin(fold) width / (4 length)`` on average.
+    A blade's surface is its length times its width times the area of the box, but for blades that are folded
+    and bent at once: their sides run on a larger circle than the midrib, by ``1 + bend sin(fold) width /
+    (4 length)`` on average.
     """
     blade = blade or BladeSettings()
     m = leaves.n_leaves
     right = np.cross(leaves.along, leaves.normal)[:, None]
     along, normal = leaves.along[:, None], leaves.normal[:, None]
+    left, _, right_end, _ = blade.box
     row_at = np.linspace(0.0, 1.0, blade.along + 1)
-    column_at = np.linspace(0.0, 1.0, blade.across + 1)
+    side_at = np.array([left, right_end] if blade.across == 1 else [left, 0.0, right_end])
     ahead, above = _midrib(blade)
     middle = leaves.base[:, None] + leaves.length[:, None, None] * (
         ahead[:, None] * along - above[:, None] * normal
     )
     turn = blade.bend * row_at[:, None]
     upward = np.cos(turn) * normal + np.sin(turn) * along
-    side = (column_at - 0.5)[:, None]
+    side = side_at[:, None]
     fold = np.cos(blade.fold), np.sin(blade.fold)
     offset = side * fold[0] * right[:, :, None] + np.abs(side) * fold[1] * upward[:, :, None]
     vertices = middle[:, :, None] + leaves.width[:, None, None, None] * offset
     lean = np.sign(side) * fold[1]
     normals = np.sqrt(1.0 - lean**2) * upward[:, :, None] - lean * right[:, :, None]
-    u, v = np.meshgrid(column_at, row_at)
+    u, v = np.meshgrid((side_at - left) / (right_end - left), row_at)
     per_leaf = u.size
     return Mesh(
         vertices=vertices.reshape(-1, 3),
@@ -188,7 +207,9 @@ def patch_mesh(
     if len(node) < patch.graph.n_nodes:
         assert twigs.node is not None
         twigs = replace(twigs, node=node[twigs.node].astype(np.int32))
-    return PatchMesh(twigs, blade_mesh(_first(leaves, count, scale), blade), count, float(area.sum()))
+    blade = blade or BladeSettings()
+    quads = blade.area * float(area.sum())
+    return PatchMesh(twigs, blade_mesh(_first(leaves, count, scale), blade), count, quads)
 
 
 def patch_meshes(
@@ -217,9 +238,10 @@ def _first(leaves: LeafSet, count: int, scale: float) -> LeafSet:
 def _midrib(blade: BladeSettings) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where each row is, ahead of the base and below it, for a blade of length 1 that bends evenly."""
     turn = blade.bend * (np.arange(blade.along) + 0.5) / blade.along  # of each quad; its length stays
-    step = np.stack([np.cos(turn), np.sin(turn)]) / blade.along
+    height = blade.box[3] - blade.box[1]
+    step = height * np.stack([np.cos(turn), np.sin(turn)]) / blade.along
     ahead, below = np.concatenate([np.zeros((2, 1)), np.cumsum(step, axis=1)], axis=1)
-    return ahead, below
+    return ahead + blade.box[1], below
 
 
 def _grid_faces(blade: BladeSettings) -> NDArray[np.int64]:

@@ -141,8 +141,8 @@ def _part_layer(part: Part, pixel: float) -> Layer:
         check_coordinates([part])
         cut = material.alpha_cutoff is not None
         image = material.texture.coded(material.alpha_cutoff)
-        if not cut:  # bark: an image is one metre high
-            image = shrink_image(image, int(pixel / SAMPLES * len(image)))
+        if not cut:  # bark
+            image = shrink_image(image, int(pixel / SAMPLES / material.tile * len(image)))
         textured = {"uv": mesh.uv, "image": image, "clamp": cut, "both_sides": material.double_sided}
     albedo = np.tile(to_linear(np.array(material.color)), (len(mesh.vertices), 1))
     if mesh.color is not None:

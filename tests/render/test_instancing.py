@@ -1,11 +1,13 @@
 """Decoded trees: tables of instances, flat meshes, and the files of both, which show the same tree."""
 
+import dataclasses
 import gc
 import io
 import json
 import struct
 import tracemalloc
 
+import numba
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -29,10 +31,11 @@ from render import (
 )
 from render.gltf import encode_glb, encode_instanced_glb
 from render.lighting import to_linear, to_srgb
+from render.parts import tile_bark
 from species.patches import Instances
 from tests.corpus import TREES, realistic_tree
 from tests.render.leafy import BARK, LEAF, leaf_texture, random_instances, rotate, twigs
-from treegraph import InputError
+from treegraph import InputError, TreeGraph
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -41,6 +44,7 @@ PATCHES = twigs(5)
 FOLIAGE = make_foliage(PATCHES, bark=BARK, leaf=LEAF)
 INSTANCES = random_instances(300, 5)
 TREE = decode_tree(GRAPH, INSTANCES, FOLIAGE)
+FLAT = flat_parts(TREE)
 EXTENSION = "EXT_mesh_gpu_instancing"
 
 
@@ -99,7 +103,7 @@ def test_a_level_of_detail_keeps_the_leaf_area_of_what_is_drawn(share):
         cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         return np.linalg.norm(cross, axis=1).sum() / 2
 
-    npt.assert_allclose(area(flat_parts(tree)[-1].mesh), area(flat_parts(TREE)[-1].mesh), rtol=1e-4)
+    npt.assert_allclose(area(flat_parts(tree)[-1].mesh), area(FLAT[-1].mesh), rtol=1e-4)
 
 
 def test_no_instances_and_patches_that_nobody_uses():
@@ -134,10 +138,11 @@ def test_foliage_of_nothing_and_of_mixed_things():
     assert encode_instanced_glb(again) == encode_instanced_glb(TREE)
 
 
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="a hundred trees take minutes without compiled loops")
 def test_a_hundred_trees_leave_nothing_behind():
     """What Python holds after 20 trees and after 120, to within a hundredth of one flat tree."""
     held = []
-    size = sum(part.mesh.vertices.nbytes for part in flat_parts(TREE))
+    size = sum(part.mesh.vertices.nbytes for part in FLAT)
     tracemalloc.start()
     for k in range(120):
         flat_parts(decode_tree(GRAPH, random_instances(300, 5, seed=k), FOLIAGE))
@@ -327,14 +332,14 @@ def test_the_instanced_file_is_the_flat_mesh(tmp_path):
     """The triangles of the instanced file, placed by its matrices, are the flat file's, in its order."""
     document, binary = read_glb(encode_instanced_glb(TREE))
     unfolded = unfold(document, binary)
-    write_glb(tmp_path / "flat.glb", flat_parts(TREE))
+    write_glb(tmp_path / "flat.glb", FLAT)
     scene = trimesh.load(tmp_path / "flat.glb", process=False)
     assert list(scene.geometry) == ["wood", "twigs", "leaves"]
     keys = {"wood": ("bark", True), "twigs": ("bark", False), "leaves": ("leaf", False)}
     assert set(unfolded) == set(keys.values())
     for name, mesh in scene.geometry.items():
         npt.assert_allclose(unfolded[keys[name]], mesh.triangles, atol=3e-6, err_msg=name)
-    for part in flat_parts(TREE):  # and y is up
+    for part in FLAT:  # and y is up
         x, y, z = np.moveaxis(unfolded[keys[part.name]], -1, 0)
         own = part.mesh.vertices[part.mesh.faces]
         npt.assert_allclose(np.stack([x, -z, y], axis=-1), own, atol=3e-6)
@@ -353,10 +358,10 @@ def test_each_patch_and_each_image_is_there_once():
     assert len(document["meshes"]) == 6 and len(document["images"]) == 3
     assert [len(mesh["primitives"]) for mesh in document["meshes"]] == [1, 2, 2, 2, 2, 2]
     assert [m["name"] for m in document["materials"]] == ["bark", "leaf"]
-    flat, _ = read_glb(encode_glb(flat_parts(TREE)))
-    check_gltf(*read_glb(encode_glb(flat_parts(TREE))))
+    flat, _ = read_glb(encode_glb(FLAT))
+    check_gltf(*read_glb(encode_glb(FLAT)))
     assert len(flat["images"]) == 3 and [m["name"] for m in flat["materials"]] == ["bark", "leaf"]
-    assert len(encode_instanced_glb(TREE)) < 0.2 * len(encode_glb(flat_parts(TREE)))
+    assert len(encode_instanced_glb(TREE)) < 0.2 * len(encode_glb(FLAT))
 
 
 def test_leaf_materials_are_cut_out_and_seen_from_both_sides():
@@ -386,7 +391,7 @@ def test_images_lie_the_right_way_up():
 
 
 def test_trimesh_reads_the_flat_glb_with_its_textures(tmp_path):
-    write_glb(tmp_path / "flat.glb", flat_parts(TREE))
+    write_glb(tmp_path / "flat.glb", FLAT)
     scene = trimesh.load(tmp_path / "flat.glb", process=False)
     material = scene.geometry["leaves"].visual.material
     assert material.alphaMode == "MASK" and material.alphaCutoff == 0.5 and material.doubleSided
@@ -394,7 +399,7 @@ def test_trimesh_reads_the_flat_glb_with_its_textures(tmp_path):
 
 
 def test_obj_has_its_textures_beside_it(tmp_path):
-    write_obj(tmp_path / "tree.obj", flat_parts(TREE))
+    write_obj(tmp_path / "tree.obj", FLAT)
     assert {p.name for p in tmp_path.iterdir()} == {
         "tree.obj",
         "tree.mtl",
@@ -418,9 +423,9 @@ def test_names_that_no_file_can_have_are_changed(tmp_path):
 
 
 def test_ply_has_the_mean_colour_of_the_texture(tmp_path):
-    write_ply(tmp_path / "tree.ply", flat_parts(TREE)[2:])
+    write_ply(tmp_path / "tree.ply", FLAT[2:])
     mesh = trimesh.load(tmp_path / "tree.ply", process=False)
-    npt.assert_allclose(mesh.vertices, flat_parts(TREE)[2].mesh.vertices)
+    npt.assert_allclose(mesh.vertices, FLAT[2].mesh.vertices)
     pixels = LEAF.texture.pixels
     mean = to_srgb(to_linear(pixels[pixels[..., 3] == 255, :3] / 255).mean(axis=0))
     shade = FOLIAGE.meshes[0].leaves.color[0] / 255
@@ -452,6 +457,31 @@ def test_same_tree_same_bytes(tmp_path):
 # Textures and materials
 
 
+@pytest.mark.parametrize("tile, around", [(1.0, 2), (0.25, 8), (5.0, 1)])
+def test_bark_goes_around_a_whole_number_of_times(tile, around):
+    """A trunk of 1.9 m girth with a thin side branch."""
+    graph = TreeGraph([-1, 0, 1, 1], [[0, 0, 0], [0, 0, 2], [0, 0, 3], [1, 0, 2]], [0.3, 0.3, 0.3, 0.02])
+    mesh = branch_mesh(graph)
+    tiled = tile_bark(mesh, dataclasses.replace(BARK, tile=tile))
+    npt.assert_allclose(tiled.uv[:, 1], mesh.uv[:, 1] / tile, rtol=1e-6)
+    trunk = np.unique(mesh.faces[: mesh.piece_start[1]])
+    side = np.unique(mesh.faces[mesh.piece_start[1] :])
+    npt.assert_allclose(tiled.uv[trunk, 0], around * mesh.uv[trunk, 0], rtol=1e-6)
+    npt.assert_allclose(tiled.uv[side, 0], mesh.uv[side, 0], rtol=1e-6)
+    assert mesh.uv[trunk, 0].max() == 1.0  # the mesh itself stays
+    tree = decode_tree(graph, INSTANCES, make_foliage(PATCHES, bark=dataclasses.replace(BARK, tile=tile)))
+    npt.assert_array_equal(tree.wood.uv, tiled.uv)
+
+
+def test_bark_without_a_texture_and_meshes_that_are_no_tubes_stay():
+    mesh = branch_mesh(GRAPH)
+    assert tile_bark(mesh, Material("bark", (1, 1, 1), tile=0.3)) is mesh
+    leaves = FOLIAGE.meshes[0].leaves
+    assert tile_bark(leaves, dataclasses.replace(BARK, tile=0.3)) is leaves
+    empty = branch_mesh(TREES["one node"])
+    assert tile_bark(empty, BARK) is empty
+
+
 @pytest.mark.parametrize(
     "pixels, match",
     [
@@ -472,6 +502,7 @@ def test_pixels_that_are_no_texture(pixels, match):
         ({"alpha_cutoff": 0.5}, "alpha_cutoff needs a texture with four channels"),
         ({"alpha_cutoff": 0.5, "texture": BARK.texture}, "alpha_cutoff needs a texture with four channels"),
         ({"texture": "bark.png"}, "texture must be a Texture or None, got str"),
+        ({"tile": 0.0}, "tile must be a length > 0 metres, got 0.0"),
         ({"normal_texture": 3}, "normal_texture must be a Texture or None, got int"),
     ],
 )

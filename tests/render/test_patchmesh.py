@@ -73,6 +73,24 @@ def test_a_bent_blade_points_down_at_its_tip_and_a_folded_one_rises_at_its_sides
     npt.assert_allclose(folded[0, 2], [0.05 * np.cos(0.3), 0, 0.05 * np.sin(0.3)], atol=1e-12)
 
 
+@pytest.mark.parametrize("across, along", [(1, 1), (2, 1), (2, 3)])
+def test_the_image_reaches_as_far_as_its_box_says(across, along):
+    """A lopsided leaf: the midrib is at a quarter of the image's width, and is where the blade folds."""
+    blade = BladeSettings(across, along, box=(-0.2, -0.1, 0.6, 1.1))
+    mesh = blade_mesh(ONE, blade)
+    local = mesh.vertices - ONE.base[0]
+    npt.assert_allclose(local.min(axis=0), [-0.02, -0.02, 0], atol=1e-12)
+    npt.assert_allclose(local.max(axis=0), [0.06, 0.22, 0], atol=1e-12)
+    npt.assert_allclose(local[:, 0], -0.02 + 0.08 * mesh.uv[:, 0], atol=1e-8)
+    npt.assert_allclose(local[:, 1], -0.02 + 0.24 * mesh.uv[:, 1], atol=1e-8)
+    if across == 2:
+        npt.assert_allclose(mesh.uv[1], [0.25, 0.0])
+    patch = twig(1, 20)
+    area = np.linalg.norm(face_areas(patch_mesh(patch, 0.3, blade=blade).leaves), axis=1).sum()
+    npt.assert_allclose(area, patch_mesh(patch, blade=blade).blade_area)
+    npt.assert_allclose(area, 0.8 * 1.2 * (patch.leaves.length * patch.leaves.width).sum())
+
+
 @pytest.mark.parametrize(
     "arguments, match",
     [
@@ -81,6 +99,12 @@ def test_a_bent_blade_points_down_at_its_tip_and_a_folded_one_rises_at_its_sides
         ({"fold": 0.2}, "fold must be 0 unless across is 2, got 0.2"),
         ({"across": 2, "fold": 2.0}, "fold must be an angle of 0 to 1.5 radians, got 2.0"),
         ({"bend": 0.2}, "bend must be 0 unless along is 2 or more, got 0.2"),
+        (
+            {"box": (0.0, 0.0, 0.5, 1.0)},
+            r"box must have the midrib between left and right, and a height, got",
+        ),
+        ({"box": (-0.5, 1.0, 0.5, 1.0)}, "box must have the midrib between"),
+        ({"box": (-0.5, 0.0, 0.5)}, "box must have the midrib between"),
         ({"along": 3, "bend": np.nan}, "bend must be an angle of -3 to 3 radians, got nan"),
     ],
 )
