@@ -501,12 +501,44 @@ def _shade_branches(px, py, pz, branches, cos_reach, sin_reach, blur, tile, foun
     _finish_branch(sky, covered)
 
 
-@_jit
-def _shade_plane(trans, wx, wy, wz, nx, ny, nz, gamma):
-    """Directions against the outward normal run into a half-space."""
+@_jit_fused
+def _shade_plane(trans, wx, wy, wz, nx, ny, nz, gamma, per_edge):
+    """Directions against the outward normal run into a half-space; its edge is a ramp 1 / per_edge wide."""
+    zero = np.float32(0.0)
     one = np.float32(1.0)
+    half = np.float32(0.5)
     for i in range(np.uint64(wx.size)):
-        trans[i] *= gamma if nx * wx[i] + ny * wy[i] + nz * wz[i] < np.float32(0.0) else one
+        past = half + (nx * wx[i] + ny * wy[i] + nz * wz[i]) * per_edge
+        past = past if past > zero else zero
+        past = past if past < one else one
+        trans[i] *= gamma + (one - gamma) * past
+
+
+@_jit_fused
+def _shade_ball(trans, wx, wy, wz, x, y, z, r, gamma, blur, tent):
+    """A ball that does not contain the point: a leaf sphere's ramp (see _project_leaves)."""
+    zero = np.float32(0.0)
+    one = np.float32(1.0)
+    d = math.sqrt(x * x + y * y + z * z)
+    s = r / d
+    c = math.sqrt(max(0.0, 1.0 - s * s))
+    area = s * s / (1.0 + c)
+    half = s * math.sin(blur)
+    wide = half <= area
+    c_out = c - half if wide else min(1.0 - 2.0 * area, math.cos(tent))
+    run = 2.0 * half if wide else 1.0 - c_out
+    dim = 1.0 - gamma
+    top = np.float32(dim if wide else dim * 2.0 * area / run)
+    slope = top / run
+    ax = np.float32(x / d * slope)
+    ay = np.float32(y / d * slope)
+    az = np.float32(z / d * slope)
+    offset = np.float32(c_out * slope)
+    for i in range(np.uint64(wx.size)):
+        f = ax * wx[i] + ay * wy[i] + az * wz[i] - offset
+        f = f if f > zero else zero
+        f = f if f < top else top
+        trans[i] *= one - f
 
 
 @_jit_fused
@@ -557,8 +589,8 @@ def _shade_box(trans, wx, wy, wz, box, px, py, pz):
 
 
 @_jit
-def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, trans):
-    """Hard shadows at the finer directions."""
+def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, blur, tent, trans):
+    """Obstacles at the finer directions: boxes have hard edges, the others less than a cell's blur."""
     for k in range(planes.shape[0]):
         nx = planes[k, 3]
         ny = planes[k, 4]
@@ -567,23 +599,17 @@ def _shade_obstacles(px, py, pz, planes, balls, boxes, sx, sy, sz, trans):
         if (px - planes[k, 0]) * nx + (py - planes[k, 1]) * ny + (pz - planes[k, 2]) * nz <= 0.0:
             trans *= gamma
         else:
-            _shade_plane(trans, sx, sy, sz, np.float32(nx), np.float32(ny), np.float32(nz), gamma)
+            per_edge = np.float32(1.0 / blur)  # the lowest directions see past level ground
+            _shade_plane(trans, sx, sy, sz, np.float32(nx), np.float32(ny), np.float32(nz), gamma, per_edge)
     for k in range(balls.shape[0]):
         x = balls[k, 0] - px
         y = balls[k, 1] - py
         z = balls[k, 2] - pz
         r = balls[k, 3]
-        gamma = np.float32(balls[k, 4])
-        d2 = x * x + y * y + z * z
-        if d2 <= r * r:
-            trans *= gamma
-            continue
-        edge = np.float32(math.sqrt(d2 - r * r))  # a . w >= d cos(alpha), not divided by d
-        fx = np.float32(x)
-        fy = np.float32(y)
-        fz = np.float32(z)
-        for i in range(np.uint64(sx.size)):
-            trans[i] *= gamma if fx * sx[i] + fy * sy[i] + fz * sz[i] >= edge else np.float32(1.0)
+        if x * x + y * y + z * z <= r * r:
+            trans *= np.float32(balls[k, 4])
+        else:
+            _shade_ball(trans, sx, sy, sz, x, y, z, r, balls[k, 4], 0.5 * blur, 0.5 * tent)
     for k in range(boxes.shape[0]):
         _shade_box(trans, sx, sy, sz, boxes[k], px, py, pz)
 
@@ -692,6 +718,8 @@ def gather(
                 fine[0],
                 fine[1],
                 fine[2],
+                blur,
+                tent,
                 finer,
             )
             _dim_sky(sky, finer)

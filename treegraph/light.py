@@ -424,12 +424,12 @@ def gather_light(
 
     Notes
     -----
-    O(n m) time for n points and m occluders, O(n) memory. Hard shadows of obstacles are tested at 4
-    directions per cell. The edges of leaves' and branches' shadows are blurred over one cell so that their
-    solid angle is kept. What that loses is how shadows lie to each other below the size of a cell (0.16
-    rad): they count as independent there. With the default fineness the amount differs from the exact one
-    by at most :data:`AMOUNT_ERROR` and the vector by at most :data:`VECTOR_ERROR` (docs/light.md says for
-    which scenes and what breaks it).
+    O(n m) time for n points and m occluders, O(n) memory. Obstacles are tested at 4 directions per cell.
+    The edges of leaves' and branches' shadows are blurred over one cell so that their solid angle is kept.
+    What that loses is how shadows lie to each other below the size of a cell (0.16 rad): they count as
+    independent there. With the default fineness the amount differs from the exact one by at most
+    :data:`AMOUNT_ERROR` and the vector by at most :data:`VECTOR_ERROR` (docs/light.md says for which scenes
+    and what breaks it).
 
     References
     ----------

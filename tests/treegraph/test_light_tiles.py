@@ -6,8 +6,20 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from tests.treegraph.test_light_model import around, leafy, opaque
-from treegraph import Leaves, Occluders, Sky, gather_light, join_occluders, light, make_leaves
+from tests.treegraph.test_light_model import HERE, around, leafy, opaque
+from treegraph import (
+    Ball,
+    Box,
+    HalfSpace,
+    Leaves,
+    Occluders,
+    Sky,
+    gather_light,
+    gather_light_exact,
+    join_occluders,
+    light,
+    make_leaves,
+)
 
 ZENITH = Sky()
 every_fineness = pytest.mark.parametrize("rings", [4, 5, 7, 10, 25, 64])
@@ -125,3 +137,34 @@ class TestNumbers:
         here = gather_light(points, Occluders(make_leaves(center, radius))).amount
         there = gather_light(points + shift, Occluders(make_leaves(center + shift, radius))).amount
         npt.assert_allclose(there, here, atol=3e-6)
+
+
+class TestWorstObstacles:
+    """Edges that run along the rings or through the middles of many cells at once."""
+
+    @pytest.mark.parametrize("bearing", np.radians([0, 22.5, 45, 60, 90]))
+    @pytest.mark.parametrize("tilt", [-0.035, -0.02, 0.0, 0.03])
+    def test_half_space_past_the_zenith(self, bearing, tilt):
+        """Across the edge the integral of cos^2 p, from -tilt to pi/2."""
+        normal = np.array([math.cos(bearing), math.sin(bearing), math.tan(tilt)])
+        low = -tilt
+        seen = (math.pi / 4 - low / 2 - math.sin(2 * low) / 4) / (math.pi / 2)
+        amount = gather_light([normal], Occluders(obstacles=[HalfSpace((0, 0, 0), normal)])).amount
+        npt.assert_allclose(amount, seen, atol=0.009)
+
+    @pytest.mark.parametrize("sine", np.linspace(0.02, 0.999, 40))
+    def test_ball_in_the_zenith(self, sine):
+        amount = gather_light(HERE, Occluders(obstacles=[Ball((0, 0, 1), sine)])).amount
+        npt.assert_allclose(amount, (1 - sine**2) ** 1.5, atol=0.009)
+
+    @pytest.mark.parametrize(
+        "width, bound", [(0.15, 0.04), (0.34, 0.04), (0.7, light.AMOUNT_ERROR), (1.4, light.AMOUNT_ERROR)]
+    )
+    @pytest.mark.parametrize("bearing", [0.0, math.pi / 8, math.pi / 4])
+    def test_beam_across_the_zenith(self, width, bound, bearing):
+        """Thinner than a cell (0.16 rad) it may fall between the directions: outside the stated bound."""
+        c, s = math.cos(bearing), math.sin(bearing)
+        beam = Box((0, 0, 5), (200, width, 0.1), [[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        scene = Occluders(obstacles=[beam])
+        exact = gather_light_exact(HERE, scene, order=(150, 310)).amount
+        npt.assert_allclose(gather_light(HERE, scene).amount, exact, atol=bound)
