@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from benchmarks import data, dbh, grown_truth, growth, light, sizes, skeleton_truth, speed, wood
+from benchmarks import (
+    data,
+    dbh,
+    decoding,
+    grown_truth,
+    growth,
+    light,
+    lsystem,
+    scanning,
+    sizes,
+    skeleton_truth,
+    speed,
+    wood,
+)
 
 BENCHMARKS = {
     "wood": wood,
@@ -14,7 +27,10 @@ BENCHMARKS = {
     "speed": speed,
     "light": light,
     "growth": growth,
+    "scanning": scanning,
     "grown_truth": grown_truth,
+    "lsystem": lsystem,
+    "decoding": decoding,
 }
 QUICK_LADDER = (100_000, 1_000_000)
 

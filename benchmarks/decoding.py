@@ -7,7 +7,6 @@ of several runs, decoding and copying in turn, so that both see the same machine
 from __future__ import annotations
 
 import gc
-import json
 import resource
 import tracemalloc
 from argparse import ArgumentParser, Namespace
@@ -17,6 +16,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+
+from benchmarks import report
 
 REPEATS = 25
 SEED = 0
@@ -240,9 +241,7 @@ def run(arguments: Namespace) -> None:
     print_rows([memory])
     pictures = measure_pictures(graph, patches)
     print_rows(pictures)
-    if getattr(arguments, "json", None):
-        out = {"speed": speed, "levels": levels, "memory": memory, "pictures": pictures}
-        Path(arguments.json).write_text(json.dumps(out, indent=1) + "\n", encoding="utf-8")
+    report.write_json(getattr(arguments, "json", None), "decoding", [*speed, *levels, memory, *pictures])
 
 
 def main() -> None:

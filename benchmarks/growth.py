@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from argparse import ArgumentParser, Namespace
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import table
+from benchmarks import report
 
 REPEATS = 9
 SEED = 3
@@ -174,9 +173,9 @@ def run(arguments: Namespace) -> None:
     found = {}
     for title, part in parts.items():
         found[title] = part()
-        print(f"### {title}\n\n{table(found[title])}\n", flush=True)
-    if getattr(arguments, "json", None):
-        Path(arguments.json).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        print(f"### {title}\n\n{report.table(found[title])}\n", flush=True)
+    rows = [{"question": title, **row} for title, part in found.items() for row in part]
+    report.write_json(getattr(arguments, "json", None), "growth", rows)
 
 
 def main() -> None:

@@ -6,7 +6,6 @@ does in it, measured just before: that depends less on what else the machine doe
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import cache
@@ -16,6 +15,8 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+
+from benchmarks import report
 
 REPEATS = 25
 EXACT_POINTS = 4
@@ -202,12 +203,12 @@ def run(arguments: Namespace) -> None:
         )
     calls = {f"{n} leaves, {q} points": call_seconds(n, q) * 1e6 for n, q in CALL_LADDER}
     print("\nOne call from compiled code, us: " + "; ".join(f"{k}: {v:.1f}" for k, v in calls.items()))
-    errors = study_errors(arguments.errors) if arguments.errors else None
+    n_errors = getattr(arguments, "errors", 0)
+    errors = study_errors(n_errors) if n_errors else None
     if errors:
         print("\n" + ", ".join(f"{k} {v:.4g}" for k, v in errors.items()))
-    if arguments.json:
-        result = {"rows": rows, "call_us": calls, "errors": errors}
-        Path(arguments.json).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    extra = [{"calls_us": calls, "errors": errors}]
+    report.write_json(getattr(arguments, "json", None), "light", rows + extra)
 
 
 def main() -> None:

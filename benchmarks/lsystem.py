@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
+
+from benchmarks import report
 
 REPEATS = 5
 SEED = 0
@@ -72,8 +73,7 @@ def run(arguments: Namespace) -> None:
             f"| {row['all_words_per_s']:.2g} | {row['drawn_per_s']:.2g} |",
             flush=True,
         )
-    if getattr(arguments, "json", None):
-        Path(arguments.json).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    report.write_json(getattr(arguments, "json", None), "lsystem", rows)
 
 
 def main() -> None:

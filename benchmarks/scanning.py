@@ -7,12 +7,14 @@
 from __future__ import annotations
 
 import json
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+
+from benchmarks import report
 
 N_FACES = 1_000_000
 N_RAYS = 1_000_000
@@ -125,6 +127,13 @@ def measure(only: str | None = None, n_faces: int = N_FACES, n_rays: int = N_RAY
         row["whole_s"] = best(lambda beam=beam: scan_scene(scene, [sweep], beam), 2)
         row["whole_ratio"] = row["whole_s"] / row["bare_whole_s"]
     return rows
+
+
+def run(arguments: Namespace) -> None:
+    """The table of both beams."""
+    rows = measure(None, N_FACES, N_RAYS)
+    print(report.table(rows))
+    report.write_json(getattr(arguments, "json", None), "scanning", rows)
 
 
 def main() -> int:

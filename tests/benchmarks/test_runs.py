@@ -110,7 +110,7 @@ def test_all_of_them(known, monkeypatch, capsys):
         "--data",
         known.folder,
         "--skip",
-        "speed, sizes, light, grown_truth, growth, scanning",
+        "speed, sizes, light, grown_truth, growth, scanning, lsystem, decoding",
     )
     assert [line for line in text.splitlines() if line.startswith("## ")] == [
         "## wood",
