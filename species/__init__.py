@@ -40,8 +40,16 @@ if TYPE_CHECKING:
         presets,
         read_growth,
     )
+    from species.patches import Instances, Patch
+    from species.texturing import PatchTable, Texture, pack_patches, texture_tree
 
 _LAZY = {
+    "Instances": "patches",
+    "Patch": "patches",
+    "PatchTable": "texturing",
+    "Texture": "texturing",
+    "pack_patches": "texturing",
+    "texture_tree": "texturing",
     "DerivationError": "errors",
     "DerivationLimits": "lsystem",
     "Drawing": "lsystem",
@@ -74,6 +82,12 @@ _LAZY = {
 }
 
 __all__ = [
+    "Instances",
+    "Patch",
+    "PatchTable",
+    "Texture",
+    "pack_patches",
+    "texture_tree",
     "DerivationError",
     "DerivationLimits",
     "Drawing",
