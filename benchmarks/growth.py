@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import report
+from benchmarks.report import seconds_of
 
 REPEATS = 9
 SEED = 3
@@ -29,17 +30,6 @@ BATCH = 64
 EVALUATED = (("F6e", 10), ("F6b", 12), ("F6b", 18))
 
 
-def best_seconds(work: Callable[[], Any], repeats: int = REPEATS) -> float:
-    """Least processor time of several runs, after one that compiles."""
-    work()
-    seconds = []
-    for _ in range(repeats):
-        start = process_time()
-        work()
-        seconds.append(process_time() - start)
-    return min(seconds)
-
-
 def grown(kind: str, age: int, seed: int = SEED) -> Any:
     """One tree of a preset."""
     from species import find_preset, grow
@@ -53,7 +43,7 @@ def beside_reference(kind: str, age: int) -> list[dict[str, Any]]:
     from tests.species.reference_growth import grow_reference
 
     parameters = find_preset(kind).parameters
-    fast_s = best_seconds(lambda: grown(kind, age))
+    fast_s = seconds_of(lambda: grown(kind, age), REPEATS)[0]
     nodes = grown(kind, age).tree.n_nodes
     rows = [{"model": "compiled", "nodes": nodes, "cpu_s": fast_s}]
     for light, name in (
@@ -76,7 +66,7 @@ def curve(kind: str, ages: tuple[int, ...]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for age in ages:
         nodes = grown(kind, age).tree.n_nodes
-        seconds = best_seconds(lambda age=age: grown(kind, age))
+        seconds = seconds_of(lambda age=age: grown(kind, age), REPEATS)[0]
         rows.append(
             {
                 "age": age,
@@ -137,7 +127,7 @@ def evaluations(trees: tuple[tuple[str, int], ...]) -> list[dict[str, Any]]:
     """How many trees of a size one core grows in a second."""
     rows = []
     for kind, age in trees:
-        seconds = best_seconds(lambda kind=kind, age=age: grown(kind, age))
+        seconds = seconds_of(lambda kind=kind, age=age: grown(kind, age), REPEATS)[0]
         rows.append(
             {
                 "kind": kind,
@@ -156,7 +146,7 @@ def large(kind: str, age: int) -> list[dict[str, Any]]:
             "kind": kind,
             "cycles": age,
             "nodes": grown(kind, age).tree.n_nodes,
-            "cpu_s": best_seconds(lambda: grown(kind, age)),
+            "cpu_s": seconds_of(lambda: grown(kind, age), REPEATS)[0],
         }
     ]
 

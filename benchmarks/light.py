@@ -10,13 +10,13 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from statistics import median
-from time import perf_counter, process_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from benchmarks import report
+from benchmarks.report import seconds_of
 
 REPEATS = 25
 EXACT_POINTS = 4
@@ -25,17 +25,6 @@ CHAIN = 64  # multiply-adds on each number of the reference
 NUMBERS, ROUNDS = 4096, 100  # of the reference: 16 KB, in the first cache
 CALLS = 2000
 ZENITH_SPHERES = 2000
-
-
-def cpu_seconds(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[float, float]:
-    """Least and median processor time of several runs, after one that compiles."""
-    work()
-    seconds = []
-    for _ in range(repeats):
-        start = process_time()
-        work()
-        seconds.append(process_time() - start)
-    return min(seconds), median(seconds)
 
 
 @cache
@@ -58,7 +47,7 @@ def multiply_adds() -> Callable[[np.ndarray, int], None]:
 def multiply_add_seconds() -> float:
     """Processor time of one float32 multiply-add among many, the least of several runs."""
     kernel, values = multiply_adds(), np.ones(NUMBERS, np.float32)
-    return cpu_seconds(lambda: kernel(values, ROUNDS))[0] / (NUMBERS * ROUNDS * CHAIN)
+    return seconds_of(lambda: kernel(values, ROUNDS), REPEATS)[0] / (NUMBERS * ROUNDS * CHAIN)
 
 
 def call_seconds(n_leaves: int, n_points: int) -> float:
@@ -82,7 +71,7 @@ def call_seconds(n_leaves: int, n_points: int) -> float:
 
     sky = cells.grid, cells.fine, weight, trans, light.BLUR * cells.width, light.TENT * cells.width
     given = (points, own, n_leaves, leaf, wood, obstacles, seen, *sky, amount, vector)
-    return cpu_seconds(lambda: repeat(CALLS, *given))[0] / CALLS
+    return seconds_of(lambda: repeat(CALLS, *given), REPEATS)[0] / CALLS
 
 
 def study_errors(n_scenes: int) -> dict[str, float]:
@@ -162,7 +151,7 @@ def measure(scene: Callable[[np.random.Generator, int], Any], n: int, n_points: 
     rng = np.random.default_rng(SEED)
     occluders, points = scene(rng, n), rng.uniform([-5, -5, 0], [5, 5, 10], (n_points, 3))
     one = multiply_add_seconds()
-    fast_s, median_s = (t / n_points for t in cpu_seconds(lambda: gather_light(points, occluders)))
+    fast_s, median_s = (t / n_points for t in seconds_of(lambda: gather_light(points, occluders), REPEATS))
     few = points[:EXACT_POINTS]
     start = perf_counter()
     exact = gather_light_exact(few, occluders)

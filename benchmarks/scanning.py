@@ -51,17 +51,6 @@ def make_sweep(n_rays: int = N_RAYS) -> Any:
     return Sweep(np.tile([-DISTANCE, 0.0, 0.0], (n, 1)), first, np.tile([0.0, 0.0, 1.0], (n, 1)), elevation)
 
 
-def best(work: Callable[[], Any], repeats: int = REPEATS) -> float:
-    """Least wall-clock seconds of several runs, after one that warms up."""
-    work()
-    seconds = []
-    for _ in range(repeats):
-        begin = perf_counter()
-        work()
-        seconds.append(perf_counter() - begin)
-    return min(seconds)
-
-
 def fire_bare(scene: Any, rays: Any) -> None:
     """The ray caster alone, a million rays at a time."""
     for begin in range(0, len(rays), N_RAYS):
@@ -86,6 +75,11 @@ def bare_scene(vertices: np.ndarray, faces: np.ndarray) -> Any:
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(tensor(vertices.astype(np.float32)), tensor(faces.astype(np.uint32)))
     return scene
+
+
+def least(work: Callable[[], Any], repeats: int = REPEATS) -> float:
+    """Least wall-clock seconds: the ray caster uses all cores."""
+    return report.seconds_of(work, repeats, perf_counter)[0]
 
 
 def measure(only: str | None = None, n_faces: int = N_FACES, n_rays: int = N_RAYS) -> list[dict[str, Any]]:
@@ -120,11 +114,11 @@ def measure(only: str | None = None, n_faces: int = N_FACES, n_rays: int = N_RAY
             for ray in _chunks(lines, len(sweep.angle), beam, RAYS_PER_CHUNK):
                 _fire(caster, sweep, ray, beam)
 
-        row["bare_s"] = best(lambda bare=bare, rays=rays: fire_bare(bare, rays))
-        row["rays_s"] = best(fire)
+        row["bare_s"] = least(lambda bare=bare, rays=rays: fire_bare(bare, rays))
+        row["rays_s"] = least(fire)
         row["rays_ratio"] = row["rays_s"] / row["bare_s"]
-        row["bare_whole_s"] = best(lambda rays=rays: fire_bare(bare_scene(vertices, faces), rays), 2)
-        row["whole_s"] = best(lambda beam=beam: scan_scene(scene, [sweep], beam), 2)
+        row["bare_whole_s"] = least(lambda rays=rays: fire_bare(bare_scene(vertices, faces), rays), 2)
+        row["whole_s"] = least(lambda beam=beam: scan_scene(scene, [sweep], beam), 2)
         row["whole_ratio"] = row["whole_s"] / row["bare_whole_s"]
     return rows
 

@@ -16,7 +16,7 @@ from treegraph.obstacles import Ball, Box, HalfSpace, Obstacle, TriangleMesh
 
 __all__ = [
     "GROUND", "LEAF", "NONE", "OTHER", "PARTS", "WOOD",
-    "Scene", "ground_scene", "join_scenes", "make_scene", "obstacle_scene", "stands_inside", "sway_in_wind",
+    "Scene", "ground_scene", "join_scenes", "make_scene", "obstacle_scene", "sway_in_wind",
 ]  # fmt: skip
 
 WOOD, LEAF, GROUND, OTHER = 1, 2, 3, 4
@@ -209,14 +209,6 @@ def obstacle_scene(obstacle: Obstacle, *, near: ArrayLike, reach: float) -> Scen
     foot = near - ((near - obstacle.point) @ obstacle.normal) * obstacle.normal
     corners = [foot + reach * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     return make_scene(corners, [[0, 1, 2], [0, 2, 3]], OTHER)
-
-
-def stands_inside(obstacle: Obstacle, point: ArrayLike) -> bool:
-    """Whether a point is inside a solid obstacle; a mesh may be a room, and is never called solid."""
-    if isinstance(obstacle, TriangleMesh):
-        return False
-    both = np.concatenate([np.eye(3), -np.eye(3)])
-    return bool(obstacle.blocks(np.asarray(point, float), both).all())
 
 
 def sway_in_wind(scene: Scene, wind: float, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -177,6 +177,18 @@ def draw_points(screen, size, perspective, buffer, owner):
 
 
 @_jit
+def weights_at(screen, i, j, k, mode, x, y):
+    """Shares of a triangle's corners at a place of the picture; they add up to 1."""
+    u = edge(screen[j, 0], screen[j, 1], screen[k, 0], screen[k, 1], x, y)
+    v = edge(screen[k, 0], screen[k, 1], screen[i, 0], screen[i, 1], x, y)
+    w = edge(screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1], x, y)
+    if mode == PERSPECTIVE:
+        u, v, w = u * screen[i, 2], v * screen[j, 2], w * screen[k, 2]
+    total = u + v + w
+    return u / total, v / total, w / total
+
+
+@_jit
 def resolve_triangles(screen, face, owner, mode, first, second, out_first, out_second):
     """Interpolate two sets of vertex colours (uint8) at the pixels that have an owner."""
     height, width = owner.shape
@@ -186,13 +198,7 @@ def resolve_triangles(screen, face, owner, mode, first, second, out_first, out_s
             if f < 0:
                 continue
             i, j, k = face[f, 0], face[f, 1], face[f, 2]
-            u = edge(screen[j, 0], screen[j, 1], screen[k, 0], screen[k, 1], x + 0.5, y + 0.5)
-            v = edge(screen[k, 0], screen[k, 1], screen[i, 0], screen[i, 1], x + 0.5, y + 0.5)
-            w = edge(screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1], x + 0.5, y + 0.5)
-            if mode == PERSPECTIVE:
-                u, v, w = u * screen[i, 2], v * screen[j, 2], w * screen[k, 2]
-            total = u + v + w
-            u, v, w = u / total, v / total, w / total
+            u, v, w = weights_at(screen, i, j, k, mode, x + 0.5, y + 0.5)
             for c in range(3):
                 out_first[y, x, c] = int(u * first[i, c] + v * first[j, c] + w * first[k, c] + 0.5)
                 out_second[y, x, c] = int(u * second[i, c] + v * second[j, c] + w * second[k, c] + 0.5)
@@ -208,13 +214,7 @@ def resolve_textured(screen, face, owner, mode, first, second, uv, image, clamp,
             if f < 0:
                 continue
             i, j, k = face[f, 0], face[f, 1], face[f, 2]
-            u = edge(screen[j, 0], screen[j, 1], screen[k, 0], screen[k, 1], x + 0.5, y + 0.5)
-            v = edge(screen[k, 0], screen[k, 1], screen[i, 0], screen[i, 1], x + 0.5, y + 0.5)
-            w = edge(screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1], x + 0.5, y + 0.5)
-            if mode == PERSPECTIVE:
-                u, v, w = u * screen[i, 2], v * screen[j, 2], w * screen[k, 2]
-            total = u + v + w
-            u, v, w = u / total, v / total, w / total
+            u, v, w = weights_at(screen, i, j, k, mode, x + 0.5, y + 0.5)
             s = u * uv[i, 0] + v * uv[j, 0] + w * uv[k, 0]
             t = u * uv[i, 1] + v * uv[j, 1] + w * uv[k, 1]
             at = texel_rows(image, s, t, clamp)

@@ -195,27 +195,19 @@ def obstacle_parts(obstacles: Sequence[Obstacle], trees: Sequence[GrownTree]) ->
 
 
 def _obstacle_mesh(obstacle: Any, cloud: NDArray[np.float64]) -> Any:
-    import trimesh
-
+    """The obstacle's surface as the scanner has it, every face with corners of its own: sharp edges."""
     import render
-    from treegraph import Ball, Box, HalfSpace, TriangleMesh
+    from recon.scan_scenes import obstacle_scene
+    from treegraph import HalfSpace
 
-    if isinstance(obstacle, TriangleMesh):
-        solid = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
-    elif isinstance(obstacle, Ball):
-        solid = trimesh.creation.icosphere(3, obstacle.radius)
-        solid.apply_translation(obstacle.center)
-    else:
-        if isinstance(obstacle, HalfSpace):
-            obstacle = _piece_of_wall(obstacle, cloud)
-        frame = np.eye(4)
-        frame[:3, :3], frame[:3, 3] = obstacle.rotation, obstacle.center
-        assert isinstance(obstacle, Box)
-        solid = trimesh.creation.box(obstacle.size, frame)
-    corners = np.asarray(solid.triangles).reshape(-1, 3)  # every face with corners of its own: sharp edges
-    normals = np.repeat(np.asarray(solid.face_normals), 3, axis=0)
-    faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    return render.Mesh(corners, faces, normals.astype(np.float32))
+    if isinstance(obstacle, HalfSpace):
+        obstacle = _piece_of_wall(obstacle, cloud)
+    solid = obstacle_scene(obstacle, near=cloud[0], reach=1.0)
+    corner = solid.vertices[solid.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    faces = np.arange(3 * len(corner), dtype=np.int32).reshape(-1, 3)
+    return render.Mesh(corner.reshape(-1, 3), faces, np.repeat(normal, 3, axis=0).astype(np.float32))
 
 
 def _piece_of_wall(wall: Any, cloud: NDArray[np.float64]) -> Any:

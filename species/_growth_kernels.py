@@ -66,7 +66,6 @@ class Nodes(NamedTuple):
     light: np.ndarray  # amount at the node when last looked at
     buds: np.ndarray  # (., 1 + most lateral buds) uint8
     first_direction: np.ndarray  # (., 3) as grown; no rows unless the history is kept
-    first_side: np.ndarray  # (., 3)
 
 
 class Stand(NamedTuple):
@@ -511,7 +510,6 @@ def add_node(nodes, n, i, k, direction, length, stand, year):
         nodes.buds[n, bud] = DORMANT
     if nodes.first_direction.shape[0]:
         nodes.first_direction[n] = nodes.direction[n]
-        nodes.first_side[n] = nodes.side[n]
 
 
 @_jit
@@ -848,7 +846,6 @@ def replay_year(nodes, n, stand, death, year):
         ] > early  # seeds lie there from the start
         if alive[i] and nodes.birth[i] == year and parent >= 0:
             nodes.direction[i] = nodes.first_direction[i]
-            nodes.side[i] = nodes.first_side[i]
             for axis in range(3):
                 step = nodes.length[i] * nodes.direction[i, axis]
                 nodes.position[i, axis] = nodes.position[parent, axis] + step

@@ -122,39 +122,41 @@ def score_match(radius_root, slope_root, radius_dock, slope_dock):
 
 
 @_jit
-def score_space(rotation, scale, position, sample, low, cell, n_x, n_y, n_z, inside, filled):
+def cell_of_point(rotation, scale, position, point, grid):
+    """Cell of the cluster's grid in which a placed patch has a point; -1 outside the grid."""
+    low, cell, n_x, n_y, n_z = grid
+    x, y, z = point[0], point[1], point[2]
+    wx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
+    wy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
+    wz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+    i = int(math.floor((position[0] + scale * wx - low[0]) / cell))
+    j = int(math.floor((position[1] + scale * wy - low[1]) / cell))
+    k = int(math.floor((position[2] + scale * wz - low[2]) / cell))
+    if 0 <= i < n_x and 0 <= j < n_y and 0 <= k < n_z:
+        return (i * n_y + j) * n_z + k
+    return -1
+
+
+@_jit
+def score_space(rotation, scale, position, sample, grid, inside, filled):
     """Shares of a patch's points that lie in the cluster, and in cells of it where there is nothing yet."""
     n_inside = 0
     fresh = 0.0
     for s in range(sample.shape[0]):
-        x, y, z = sample[s]
-        wx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-        wy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-        wz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
-        i = int(math.floor((position[0] + scale * wx - low[0]) / cell))
-        j = int(math.floor((position[1] + scale * wy - low[1]) / cell))
-        k = int(math.floor((position[2] + scale * wz - low[2]) / cell))
-        if 0 <= i < n_x and 0 <= j < n_y and 0 <= k < n_z:
-            at = (i * n_y + j) * n_z + k
-            if inside[at]:
-                n_inside += 1
-                fresh += 1.0 / (1.0 + filled[at])
+        at = cell_of_point(rotation, scale, position, sample[s], grid)
+        if at >= 0 and inside[at]:
+            n_inside += 1
+            fresh += 1.0 / (1.0 + filled[at])
     return n_inside / sample.shape[0], fresh / sample.shape[0]
 
 
 @_jit
-def mark_filled(rotation, scale, position, sample, low, cell, n_x, n_y, n_z, amount, filled):
+def mark_filled(rotation, scale, position, sample, grid, amount, filled):
     """Add a patch's leaf area, in units of what a full cell holds, to the cells of its points."""
     for s in range(sample.shape[0]):
-        x, y, z = sample[s]
-        wx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-        wy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-        wz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
-        i = int(math.floor((position[0] + scale * wx - low[0]) / cell))
-        j = int(math.floor((position[1] + scale * wy - low[1]) / cell))
-        k = int(math.floor((position[2] + scale * wz - low[2]) / cell))
-        if 0 <= i < n_x and 0 <= j < n_y and 0 <= k < n_z:
-            filled[(i * n_y + j) * n_z + k] += amount / sample.shape[0]
+        at = cell_of_point(rotation, scale, position, sample[s], grid)
+        if at >= 0:
+            filled[at] += amount / sample.shape[0]
 
 
 @_jit
@@ -224,7 +226,6 @@ def choose_patch(
 ):
     """The patch of a few that fits a docking point best (Eq. 3.3, and space): row or -1, and scale."""
     patch_radius, patch_slope, by_radius, sample = patches
-    low, cell, n_x, n_y, n_z = grid
     slope = math.asin(min(max(direction[2], -1.0), 1.0))
     first, last = candidates(radius, patch_radius, by_radius)
     best = -1
@@ -237,9 +238,7 @@ def choose_patch(
         if abs(direction[2]) > UPRIGHT:
             roll *= math.pi / ROLL
         frame_of(direction[0], direction[1], direction[2], roll, rotation)
-        share, fresh = score_space(
-            rotation, scale, position, sample[p], low, cell, n_x, n_y, n_z, inside, filled
-        )
+        share, fresh = score_space(rotation, scale, position, sample[p], grid, inside, filled)
         if share < LEAST_INSIDE or fresh < least_fresh * share:
             continue
         match = score_match(patch_radius[p], patch_slope[p], radius, slope)
@@ -348,9 +347,7 @@ def fill_cluster(
         made += 1
         gained = patch_area[best] * scale * scale
         area += gained
-        mark_filled(
-            best_rotation, scale, position, sample[best], low, cell, n_x, n_y, n_z, gained / full, filled
-        )
+        mark_filled(best_rotation, scale, position, sample[best], grid, gained / full, filled)
         waiting = add_docks(
             best_rotation, scale, position, dock_start[best], dock_start[best + 1], docks, queue, waiting
         )

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from species.parameters import GrowthParameters, check_age, parameter_table
 from treegraph import InputError, TreeGraph
+from treegraph.obstacles import stands_inside
 
 if TYPE_CHECKING:
     from treegraph.light import Occluders, Sky
@@ -569,11 +570,9 @@ def _check_feet(plants: list[Plant], site: Site) -> None:
     """No plant may stand inside an obstacle, which shades a point inside from all sides."""
     if site.occluders is None:
         return
-    up = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     for k, plant in enumerate(plants):
         for obstacle in site.occluders.obstacles:
-            point = np.array(plant.position)
-            if type(obstacle).__name__ != "TriangleMesh" and obstacle.blocks(point, up).all():
+            if stands_inside(obstacle, plant.position):
                 raise InputError(
                     f"plant {k} stands at {plant.position}, inside a {type(obstacle).__name__} obstacle"
                 )
@@ -593,10 +592,9 @@ def _seedlings(plants: list[Plant], n_buds: int, seed: int, stand: Any, history:
         **{
             name: np.zeros((room, *row.get(name, ((), None))[0]), row.get(name, ((), np.float64))[1])
             for name in kernels.Nodes._fields
-            if not name.startswith("first_")
+            if name != "first_direction"
         },
         first_direction=np.zeros((room if history else 0, 3)),
-        first_side=np.zeros((room if history else 0, 3)),
     )
     n = len(plants)
     nodes.parent[:n] = -1

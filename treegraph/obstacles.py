@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from treegraph.errors import InputError
 
-__all__ = ["Ball", "Box", "HalfSpace", "Obstacle", "TriangleMesh", "make_wall"]
+__all__ = ["Ball", "Box", "HalfSpace", "Obstacle", "TriangleMesh", "make_wall", "stands_inside"]
 
 ROTATION_TOLERANCE = 1e-9  # how far R R^T may be from the identity
 PARALLEL = 1e-300  # a component below this is replaced by it, so that 0 / 0 does not arise in the slab test
@@ -279,6 +279,14 @@ class TriangleMesh:
 
 
 Obstacle = HalfSpace | Ball | Box | TriangleMesh
+
+
+def stands_inside(obstacle: Obstacle, point: ArrayLike) -> bool:
+    """Whether a point is inside a solid obstacle; a mesh may be a room, and is never called solid."""
+    if isinstance(obstacle, TriangleMesh):
+        return False
+    both = np.concatenate([np.eye(3), -np.eye(3)])
+    return bool(obstacle.blocks(np.asarray(point, float), both).all())
 
 
 def make_wall(

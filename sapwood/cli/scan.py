@@ -391,8 +391,8 @@ def _station_places(
 ) -> Any:
     import numpy as np
 
-    from recon.scan_scenes import stands_inside
     from treegraph.errors import InputError
+    from treegraph.obstacles import stands_inside
 
     if given["station"]:
         places = np.array([o.parse_point(text) for text in given["station"]])
@@ -412,8 +412,8 @@ def _station_places(
 
 
 def _refuse_inside(obstacles: list[Obstacle], place: Any, name: str) -> None:
-    from recon.scan_scenes import stands_inside
     from treegraph.errors import InputError
+    from treegraph.obstacles import stands_inside
 
     if any(stands_inside(solid, place) for solid in obstacles):
         shown = ",".join(f"{value:g}" for value in place)

@@ -15,11 +15,11 @@ from recon.scan_scenes import (
     join_scenes,
     make_scene,
     obstacle_scene,
-    stands_inside,
     sway_in_wind,
 )
 from recon.scanning import Beam, scan_scene
 from treegraph import Ball, Box, HalfSpace, InputError, TriangleMesh, make_wall
+from treegraph.obstacles import stands_inside
 
 STATION = [0.0, 0.0, 1.5]
 WIDE = {"divergence": 4e-3, "exit_diameter": 0.004}
