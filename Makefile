@@ -5,7 +5,7 @@ PYTHON ?=
 export PYTHON
 
 BIN := .venv/bin
-PACKAGES := treegraph recon species render sapwood
+PACKAGES := treegraph recon classify species render sapwood
 OUT ?= demo-output
 ARGS ?=
 

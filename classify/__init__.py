@@ -1,0 +1,22 @@
+"""Which species is it? Features of a scan, a classifier that shares them, and the vote of neighbours.
+
+Names that need compiled loops or scikit-learn are imported when they are first used, so that
+``import classify`` stays cheap.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_LAZY: dict[str, str] = {}
+
+__all__: list[str] = []
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(f"classify.{_LAZY[name]}"), name)
+    raise AttributeError(f"module 'classify' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
