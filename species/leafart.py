@@ -40,6 +40,7 @@ __all__ = [
     "encode_png",
     "encode_webp",
     "leaf_area",
+    "leaf_frame",
     "outline",
     "stalk_outline",
 ]
@@ -115,6 +116,12 @@ def leaf_area(shape: LeafShape) -> float:
         following = np.roll(polygon, -1, axis=0)
         total += 0.5 * abs(float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1])))
     return total
+
+
+def leaf_frame(shape: LeafShape, size_px: int = 256) -> tuple[float, float, float, float]:
+    """Left, bottom, right and top of a leaf's texture in the leaf's frame, metres; as in `LeafTexture.box`."""
+    frame = _frame_of(lay_out(shape, OUTLINE_POINTS), check_size(size_px))
+    return frame.left, frame.bottom, frame.right, frame.top
 
 
 def draw_leaf(

@@ -249,7 +249,7 @@ def _complete(values: Mapping[str, Any], known: Mapping[str, Any]) -> Mapping[st
     return values
 
 
-def _preset_of(name: str, table: Any) -> Preset:
+def preset_of(name: str, table: Any) -> Preset:
     """A preset from its table in a TOML file: ``age``, ``what``, and the parameters by name or by symbol."""
     if not isinstance(table, dict):
         raise InputError(f"[{name}] must be a table of growth parameters")
@@ -273,7 +273,7 @@ def presets() -> dict[str, Preset]:
     is still missing or doubtful was chosen and is marked in ``species/figure6.toml``.
     """
     text = resources.files("species").joinpath(PRESET_FILE).read_text(encoding="utf-8")
-    return {name: _preset_of(name, table) for name, table in tomllib.loads(text).items()}
+    return {name: preset_of(name, table) for name, table in tomllib.loads(text).items()}
 
 
 def find_preset(name: str) -> Preset:
@@ -324,7 +324,7 @@ def read_growth(path: str | os.PathLike[str]) -> Preset:
     try:
         values = dict(table) if isinstance(table, dict) else table
         label = values.pop("name", None) if isinstance(values, dict) else None
-        return _preset_of(str(label or os.path.splitext(os.path.basename(name))[0]), values)
+        return preset_of(str(label or os.path.splitext(os.path.basename(name))[0]), values)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
 
