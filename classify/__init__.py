@@ -5,11 +5,22 @@ Names that need compiled loops or scikit-learn are imported when they are first 
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_LAZY: dict[str, str] = {}
+if TYPE_CHECKING:
+    from classify.vote import Vote, is_confident, vote_species
 
-__all__: list[str] = []
+_LAZY = {
+    "Vote": "vote",
+    "is_confident": "vote",
+    "vote_species": "vote",
+}
+
+__all__ = [
+    "Vote",
+    "is_confident",
+    "vote_species",
+]
 
 
 def __getattr__(name: str) -> Any:
