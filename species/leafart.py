@@ -119,7 +119,7 @@ def leaf_area(shape: LeafShape) -> float:
 
 
 def leaf_frame(shape: LeafShape, size_px: int = 256) -> tuple[float, float, float, float]:
-    """Left, bottom, right and top of a leaf's texture in the leaf's frame, metres; as in `LeafTexture.box`."""
+    """Left, bottom, right and top of a leaf's texture in its own frame, metres, as in `LeafTexture.box`."""
     frame = _frame_of(lay_out(shape, OUTLINE_POINTS), check_size(size_px))
     return frame.left, frame.bottom, frame.right, frame.top
 

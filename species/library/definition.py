@@ -115,7 +115,7 @@ class BranchletRules:
 
 @dataclass(frozen=True)
 class BladeRules:
-    """Into how many quads a leaf is cut: `across` (1 or 2) and `along` (1 to 8). Bent and folded as the leaf."""
+    """Into how many quads a leaf is cut, `across` (1 or 2) and `along` (1 to 8), to be folded and bent."""
 
     across: int = 1
     along: int = 1
