@@ -88,31 +88,34 @@ class Texture:
     free: int
 
 
-def pack_patches(patches: Sequence[Patch]) -> PatchTable:
+def pack_patches(patches: Sequence[Patch], leaf_share: float = 0.5) -> PatchTable:
     """Flat arrays of patches.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+        Those without leaves are wood between others. At least one has leaves.
+    leaf_share : float, default 0.5
+        Area of a leaf over its length times its width, above 0 to 1: 0.5 is a rhombus.
 
     Raises
     ------
     InputError
-        If there is no patch, or one without leaves.
+        If there is no patch or no leaf, or `leaf_share` is out of its range.
     """
-    from species._texturing_kernels import SAMPLES
-
     if not patches:
         raise InputError("patches must have at least one patch")
-    for i, patch in enumerate(patches):
-        if not patch.leaves.n_leaves:
-            raise InputError(f"every patch must have leaves, but patches[{i}] has none")
-    sample = np.empty((len(patches), SAMPLES, 3))
-    for i, patch in enumerate(patches):
-        leaves = patch.leaves
-        pick = np.linspace(0, leaves.n_leaves - 1, SAMPLES).round().astype(int)
-        sample[i] = leaves.base[pick] + 0.5 * leaves.length[pick, None] * leaves.along[pick]
+    if not 0.0 < leaf_share <= 1.0:
+        raise InputError(f"leaf_share must be above 0 and at most 1, got {leaf_share!r}")
+    if not any(patch.leaves.n_leaves for patch in patches):
+        raise InputError(f"at least one patch must have leaves, but none of {len(patches)} has")
+    sample = np.stack([_sample_points(patch) for patch in patches])
     radius = np.array([patch.radius for patch in patches])
+    area = [leaf_share * float(patch.leaves.length @ patch.leaves.width) for patch in patches]
     return PatchTable(
         radius=radius,
         slope=np.array([patch.slope for patch in patches], float),
-        leaf_area=np.array([patch.leaves.area for patch in patches]),
+        leaf_area=np.array(area),
         by_radius=np.argsort(radius, kind="stable"),
         sample=sample,
         reach=sample[:, :, 2].mean(axis=1),
@@ -123,6 +126,17 @@ def pack_patches(patches: Sequence[Patch]) -> PatchTable:
             np.concatenate([patch.dock_radius for patch in patches]),
         ),
     )
+
+
+def _sample_points(patch: Patch) -> NDArray[np.float64]:
+    """Points spread over a patch: the middles of its leaves, or of a bare one wood and docking points."""
+    from species._texturing_kernels import SAMPLES
+
+    leaves = patch.leaves
+    points = leaves.base + 0.5 * leaves.length[:, None] * leaves.along
+    if not len(points):
+        points = np.concatenate([patch.graph.position, patch.dock_position])
+    return points[np.linspace(0, len(points) - 1, SAMPLES).round().astype(int)]
 
 
 def texture_tree(

@@ -211,13 +211,35 @@ def test_bad_factor(table, value):
         texture(table, density=value)
 
 
+BARE = LeafSet(*(np.empty((0, 3)),) * 3, np.empty(0), np.empty(0), np.empty(0, np.int32))
+
+
 def test_patches_need_leaves():
     with pytest.raises(InputError, match="at least one patch"):
         pack_patches([])
     patch = make_patch(np.random.default_rng(0), 0.002)
-    bare = LeafSet(*(np.empty((0, 3)),) * 3, np.empty(0), np.empty(0), np.empty(0, np.int32))
-    with pytest.raises(InputError, match=r"patches\[1\] has none"):
-        pack_patches([patch, Patch(patch.graph, bare)])
+    with pytest.raises(InputError, match="at least one patch must have leaves, but none of 1 has"):
+        pack_patches([Patch(patch.graph, BARE)])
+
+
+@pytest.mark.parametrize("share", [0.0, 1.1, np.nan])
+def test_bad_leaf_share(share):
+    with pytest.raises(InputError, match="leaf_share must be above 0 and at most 1, got"):
+        pack_patches([make_patch(np.random.default_rng(0), 0.002)], leaf_share=share)
+
+
+def test_leaf_area_of_a_patch():
+    patch = make_patch(np.random.default_rng(0), 0.002, n=30)
+    npt.assert_allclose(pack_patches([patch]).leaf_area, 0.5 * 30 * 0.06 * 0.04)
+    npt.assert_allclose(pack_patches([patch], leaf_share=0.8).leaf_area, 0.8 * 30 * 0.06 * 0.04)
+
+
+def test_a_bare_patch_is_sampled_on_its_wood():
+    patch = make_patch(np.random.default_rng(0), 0.002)
+    bare = Patch(patch.graph, BARE, [[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]], [0.001])
+    table = pack_patches([patch, bare])
+    assert table.leaf_area[1] == 0.0
+    assert {tuple(row) for row in table.sample[1]} == {(0, 0, 0), (0, 0, 0.3), (0, 0, 0.1)}
 
 
 @pytest.mark.parametrize(
