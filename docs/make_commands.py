@@ -68,6 +68,9 @@ REPORT = {
     "files": "what was written",
     "preview": "what drew the picture: `egl`, `osmesa`, `software`; null if nothing did",
     "seed": "as given",
+    "leaf_area_m2": "one side of all leaves that the tree is dressed with; null without a species",
+    "leaves": "`species`, `season`, `leaf_area_m2`, `cluster_volume_m3`, `leaf_area_density` (m2/m3; "
+    "volume times density is the leaf area in summer), `n_leaves`, `n_twigs`; null without a species",
     "notes": "remarks on the scan, one line each; also on stderr",
     "seconds": "wall-clock time of each stage",
     "settings": "every setting in force",
@@ -111,8 +114,8 @@ With `--json`: `schema_version`, `command`, `version`, and """
 JSON_FIELDS = {
     "reconstruct": "`output` (the folder), `trees` (the reports, as in NAME.json), `failed` (`scan`, `name`, "
     "`kind`: `input`, `internal` or `died`, `message`), `seconds`.",
-    "decode": "`input`, `output`, `bytes`.",
-    "preview": "`input`, `output`, `renderer`, `width`, `height`, `seed`.",
+    "decode": "`input`, `output`, `bytes`, `lod`, `leaves` (as in NAME.json), `seed`.",
+    "preview": "`input`, `output`, `renderer`, `width`, `height`, `seed`, `leaves` (as in NAME.json).",
     "info": "`input`, `kind` (`tree` or `scan`), and the facts that are printed, `notes` among them. "
     "Of a tree they are taken from the file alone, to its precision: `height_m` is that of wood and hulls, "
     "where the report of `reconstruct` has that of the points.",
@@ -123,6 +126,10 @@ JSON_FIELDS = {
     "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than "
     "a third of the separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "
     "[scanning.md](scanning.md).",
+    "species list": "`species` (`name`, `latin`, `bytes` of definition and derived file together, "
+    "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not be read).",
+    "species show": "the facts that are printed, `output`.",
+    "species build": "as `species show`, and `files`.",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
 }
 

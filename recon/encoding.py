@@ -178,7 +178,13 @@ class _Clock:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 
 
-def encode(points: Any, *, species: str | None = None, settings: EncodeSettings | None = None) -> ClusterTree:
+def encode(
+    points: Any,
+    *,
+    species: str | None = None,
+    allometry: Allometry | None = None,
+    settings: EncodeSettings | None = None,
+) -> ClusterTree:
     """Encode a scan of one tree.
 
     Parameters
@@ -186,7 +192,10 @@ def encode(points: Any, *, species: str | None = None, settings: EncodeSettings 
     points : Cloud or (n, 3) array_like
         Metres, z up, any order; in the world's coordinates.
     species : str, optional
-        Name in the table of species (thesis table 3.1); a default otherwise.
+        Its name, which is kept with the tree.
+    allometry : Allometry, optional
+        The species' parameters. By default those of thesis table 3.1 for the name, or without one
+        those of no species.
     settings : EncodeSettings, optional
 
     Returns
@@ -205,15 +214,21 @@ def encode(points: Any, *, species: str | None = None, settings: EncodeSettings 
     -----
     About 3 times the time of a 16-nearest-neighbours search on the same points; see `benchmarks`.
     """
-    return encode_with_report(points, species=species, settings=settings).tree
+    return encode_with_report(points, species=species, allometry=allometry, settings=settings).tree
 
 
 def encode_with_report(
-    points: Any, *, species: str | None = None, settings: EncodeSettings | None = None
+    points: Any,
+    *,
+    species: str | None = None,
+    allometry: Allometry | None = None,
+    settings: EncodeSettings | None = None,
 ) -> Encoding:
     """As :func:`encode`, with measures, times and remarks."""
     settings = settings or EncodeSettings()
-    allometry = replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA) if species is None else find_allometry(species)
+    if allometry is None:
+        unknown = replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
+        allometry = unknown if species is None else find_allometry(species)
     beta = settings.beta or allometry.beta
     gamma = settings.gamma or allometry.gamma
     clock = _Clock()

@@ -21,9 +21,10 @@ from treegraph.errors import FitError, FormatError, InputError
 
 if TYPE_CHECKING:
     from recon import Cloud, EncodeReport, EncodeSettings
+    from species import library as species_library
     from treegraph import ClusterTree
 
-__all__ = ["Clock", "Reconstruction", "make_settings", "reconstruct"]
+__all__ = ["Clock", "Reconstruction", "known_species", "make_settings", "reconstruct"]
 
 DEFAULT_NAME = "tree"
 """Name of the outputs of points from memory."""
@@ -91,6 +92,7 @@ def reconstruct(
     scan: str | os.PathLike[str] | ArrayLike,
     *,
     species: str | None = None,
+    library: str | os.PathLike[str] | None = None,
     f_s: float | None = None,
     settings: EncodeSettings | None = None,
     name: str | None = None,
@@ -104,7 +106,10 @@ def reconstruct(
     scan : path or (n, 3) array_like
         A file of any kind that :func:`recon.read_cloud` knows, or points: metres, z up.
     species : str, optional
-        A species of :data:`treegraph.SPECIES_ALLOMETRY`; gives the branches' allometry.
+        A species of the library, by any of its names: gives the branches' allometry, and the leaves
+        with which the tree is dressed when it is saved.
+    library : path, optional
+        A folder of species of one's own, which is looked into first.
     f_s : float, optional
         Factor by which the diameters are reduced where wood gives way to leaf clusters, 0 < f_s <= 1;
         1 makes no clusters (a leafless tree). The species' own, or what the scan shows, if left out.
@@ -143,12 +148,14 @@ def reconstruct(
     reading = {key: options.pop(key) for key in READ_OPTIONS if key in options}
     if name is not None and Path(name).name != name:
         raise InputError(f"name must be a file name without suffix and folder, got {name!r}.")
-    species = _known_species(species)  # a misspelt name is said before a long file is read
+    known = known_species(species, library)  # a misspelt name is said before a long file is read
+    species = None if known is None else known.name
     settings = make_settings(settings, f_s=f_s, **options)
     clock = Clock(progress)
     cloud, source, sha256 = _read(scan, reading, clock)
     with clock.stage("encode"), _about(source):
-        encoding = recon.encode_with_report(cloud, species=species, settings=settings)
+        allometry = None if known is None else known.allometry
+        encoding = recon.encode_with_report(cloud, species=species, allometry=allometry, settings=settings)
     report = encoding.report
     with clock.stage("measure"):
         table = cylinder_table(encoding.tree.graph)
@@ -212,14 +219,16 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
-def _known_species(species: str | None) -> str | None:
-    """The species' name as the table spells it; InputError if it has none."""
-    import treegraph
+def known_species(
+    species: str | None, library: str | os.PathLike[str] | None
+) -> species_library.Definition | None:
+    """The species' definition; InputError if the library has none of that name."""
+    from sapwood.dressing import open_library
 
-    wanted = treegraph.find_allometry(species)
-    if species is None:
+    if species is None and library is None:
         return None
-    return next(name for name, allometry in treegraph.SPECIES_ALLOMETRY.items() if allometry is wanted)
+    found = open_library(library)
+    return None if species is None else found.find(species)
 
 
 def _check_wood(source: str, table: NDArray[np.void]) -> None:

@@ -19,6 +19,7 @@ from sapwood.pipeline import Clock
 from sapwood.text import to_json
 
 if TYPE_CHECKING:
+    from sapwood.dressing import Dressed
     from sapwood.pipeline import Reconstruction
 
 __all__ = ["Saved", "make_report", "output_names", "save"]
@@ -64,6 +65,9 @@ def save(
     turntable: bool = False,
     force: bool = False,
     seed: int = 0,
+    season: str = "summer",
+    leaves: bool = True,
+    library: str | os.PathLike[str] | None = None,
     staging: str | os.PathLike[str] | None = None,
 ) -> Saved:
     """Write ``NAME.lobes``, ``.glb``, ``.cylinders.csv``, ``.png`` and ``.json`` into `folder`.
@@ -82,7 +86,13 @@ def save(
     force : bool
         Whether files that are there may be replaced.
     seed : int
-        Recorded; nothing on the way from a scan to its tree is drawn at random so far.
+        For the arrangement of twigs and leaves; recorded.
+    season : str
+        Of the leaves in mesh and pictures: "spring", "summer", "autumn" or "winter".
+    leaves : bool
+        Whether a tree whose species is known is dressed with its leaves; else clusters are hulls.
+    library : path, optional
+        A folder of species of one's own, which is looked into first.
     staging : path, optional
         Where files are made before they appear, on the same disk; in `folder` by default.
 
@@ -95,12 +105,13 @@ def save(
     check_free([Path(folder) / name for name in names], force=force)
     with Staging(folder, inside=staging) as stage:
         clock = Clock()
-        _write_tree(tree, stage.path, clock)
+        dressed = _dress(tree, clock, season, seed, library) if leaves else None
+        _write_tree(tree, stage.path, clock, dressed)
         renderer: str | None = None
         notices: list[str] = []
         if preview or turntable:
             with clock.stage("preview"):
-                renderer, notices = _draw(tree, stage.path, preview, turntable)
+                renderer, notices = _draw(tree, stage.path, preview, turntable, dressed)
         made = [name for name in names if (stage.path / name).exists()]
         n_bytes = (stage.path / f"{tree.name}.lobes").stat().st_size
         report = make_report(
@@ -109,6 +120,8 @@ def save(
             files=[*made, f"{tree.name}.json"],
             preview=renderer,
             seed=seed,
+            leaf_area_m2=None if dressed is None else dressed.figures()["leaf_area_m2"],
+            leaves=None if dressed is None else dressed.figures(),
             seconds={**tree.seconds, **clock.seconds},
         )
         (stage.path / f"{tree.name}.json").write_text(to_json(report), encoding="utf-8")
@@ -138,7 +151,24 @@ def make_report(tree: Reconstruction, *, seconds: dict[str, float], **more: Any)
     return _plain(report)
 
 
-def _write_tree(tree: Reconstruction, folder: Path, clock: Clock) -> None:
+def _dress(
+    tree: Reconstruction,
+    clock: Clock,
+    season: str,
+    seed: int,
+    library: str | os.PathLike[str] | None,
+) -> Dressed | None:
+    """The tree with its species' leaves; None if it has no species or no clusters."""
+    from sapwood.dressing import dress, find_kind
+
+    if tree.tree.species is None:
+        return None
+    with clock.stage("leaves"):
+        kind = find_kind(tree.tree, None, library)
+        return None if kind is None else dress(tree.tree, kind, season=season, seed=seed)
+
+
+def _write_tree(tree: Reconstruction, folder: Path, clock: Clock, dressed: Dressed | None) -> None:
     import render
     import treegraph
 
@@ -147,21 +177,28 @@ def _write_tree(tree: Reconstruction, folder: Path, clock: Clock) -> None:
         (folder / f"{tree.name}.cylinders.csv").write_text(format_cylinders(tree.cylinders), encoding="ascii")
     with clock.stage("mesh"):
         extras = {"name": tree.name, "origin": tree.tree.origin.tolist(), "epsg": tree.tree.epsg}
-        render.write_glb(folder / f"{tree.name}.glb", render.tree_parts(tree.tree), extras=extras)
+        path = folder / f"{tree.name}.glb"
+        if dressed is None:
+            render.write_glb(path, render.tree_parts(tree.tree), extras=extras)
+        else:
+            render.write_instanced_glb(path, dressed.decoded, name=tree.name, extras=extras)
 
 
-def _draw(tree: Reconstruction, folder: Path, preview: bool, turntable: bool) -> tuple[str | None, list[str]]:
+def _draw(
+    tree: Reconstruction, folder: Path, preview: bool, turntable: bool, dressed: Dressed | None
+) -> tuple[str | None, list[str]]:
     """Draw the pictures; return what drew them (None if nothing could) and what is to be said."""
     import render
 
     renderer, notices = None, []
+    parts = None if dressed is None else dressed.parts()
     try:
         if preview:
             scan = (tree.cloud.xyz, tree.cloud.color)
-            drawn = render.preview(tree.tree, folder / f"{tree.name}.png", scan=scan)
+            drawn = render.preview(tree.tree, folder / f"{tree.name}.png", scan=scan, parts=parts)
             renderer, notices = drawn.renderer, [drawn.notice]
         if turntable:
-            drawn = render.turntable(tree.tree, folder / f"{tree.name}.gif")
+            drawn = render.turntable(tree.tree, folder / f"{tree.name}.gif", parts=parts)
             renderer, notices = drawn.renderer, [*notices, drawn.notice]
     except (ImportError, render.NoPreviewError) as error:
         notices.append(f"no picture can be drawn on this machine ({error}); all other files are made")

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sapwood.outputs import write_whole
 from treegraph.errors import FitError, FormatError, InputError, TreeError
 
 if TYPE_CHECKING:
+    from sapwood.dressing import Dressed
     from treegraph import ClusterTree
 
 __all__ = ["DECODED", "is_lobes", "read_tree", "write_tree"]
@@ -60,6 +64,9 @@ def write_tree(
     detail: str = "normal",
     local: bool = False,
     force: bool = False,
+    dressed: Dressed | None = None,
+    flat: bool = False,
+    lod: float = 1.0,
 ) -> Path:
     """Write a tree in the format that the suffix of `path` names.
 
@@ -75,6 +82,14 @@ def write_tree(
         coordinates. A mesh always is: single precision has no room for map coordinates.
     force : bool
         Whether a file that is there may be replaced.
+    dressed : Dressed, optional
+        The tree with its leaves (:func:`sapwood.dressing.dress`), which a mesh then has instead of hulls.
+    flat : bool
+        Write a dressed tree's ``.glb`` vertex by vertex, for programs that know no instancing; other
+        meshes always are.
+    lod : float
+        Of a tree that is not dressed: part of its branches' edges that is kept, above 0 to 1, from the thick
+        end.
 
     Raises
     ------
@@ -84,24 +99,45 @@ def write_tree(
     suffix = Path(path).suffix.lower()
     if suffix not in DECODED:
         raise InputError(f"{os.fspath(path)}: the name must end in one of {' '.join(DECODED)}.")
-    writer = _write_mesh if suffix in MESHES else _write_graph
-    return write_whole(path, lambda part: writer(tree, part, suffix, detail, local), force=force)
+    if suffix not in MESHES:
+        return write_whole(path, lambda part: _write_graph(tree, part, suffix, local), force=force)
+    name = Path(path).stem
+    if suffix == ".glb" and dressed is not None and not flat:
+        return write_whole(path, lambda part: _write_instanced(dressed, part, name), force=force)
+    return write_whole(path, lambda part: _write_mesh(tree, part, suffix, detail, dressed, lod), force=force)
 
 
-def _write_mesh(tree: ClusterTree, path: Path, suffix: str, detail: str, local: bool) -> None:
+def _extras(tree: ClusterTree) -> dict[str, Any]:
+    return {"origin": tree.origin.tolist(), "epsg": tree.epsg}
+
+
+def _write_instanced(dressed: Dressed, path: Path, name: str) -> None:
     import render
 
-    parts = render.tree_parts(tree, render.DETAIL[detail])
+    render.write_instanced_glb(path, dressed.decoded, name=name, extras=_extras(dressed.tree))
+
+
+def _write_mesh(
+    tree: ClusterTree, path: Path, suffix: str, detail: str, dressed: Dressed | None, lod: float
+) -> None:
+    import render
+
+    if dressed is not None:
+        parts = dressed.parts()
+    else:
+        if lod < 1.0:
+            hulls = tuple(replace(cluster, seed=np.empty(0, np.int32)) for cluster in tree.clusters)
+            tree = tree.replace(graph=render.thickest_edges(tree.graph, lod)[0], clusters=hulls)
+        parts = render.tree_parts(tree, render.DETAIL[detail])
     if suffix == ".glb":
-        extras: dict[str, Any] = {"origin": tree.origin.tolist(), "epsg": tree.epsg}
-        render.write_glb(path, parts, extras=extras)
+        render.write_glb(path, parts, extras=_extras(tree))
     elif suffix == ".obj":
         render.write_obj(path, parts)
     else:
         render.write_ply(path, parts)
 
 
-def _write_graph(tree: ClusterTree, path: Path, suffix: str, detail: str, local: bool) -> None:
+def _write_graph(tree: ClusterTree, path: Path, suffix: str, local: bool) -> None:
     import treegraph
     from sapwood.cylinders import cylinder_table, format_cylinders
 

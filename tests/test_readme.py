@@ -63,7 +63,7 @@ def test_pictures_are_of_shipped_scans_or_of_grown_trees():
 def test_every_command_is_listed():
     from sapwood.cli.main import COMMANDS
 
-    for name in COMMANDS:
+    for name in {command.split()[0] for command in COMMANDS}:
         assert f"| `sapwood {name}" in TEXT or f"| `{name} " in TEXT
 
 

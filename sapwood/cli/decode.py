@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from sapwood.cli import options as o
 from sapwood.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from sapwood.dressing import Dressed
+    from treegraph import ClusterTree
 
 
 def decode(
@@ -22,8 +26,21 @@ def decode(
             show_default=False,
         ),
     ],
+    species: o.DressedAs = None,
+    library: o.LibraryFolder = None,
+    season: o.SeasonOption = o.Season.summer,
+    lod: o.Lod = 1.0,
+    hulls: o.Hulls = False,
+    flat: Annotated[
+        bool,
+        o.option(
+            o.OUTPUT,
+            "--flat",
+            help="Every leaf in its place in a .glb, for programs without EXT_mesh_gpu_instancing.",
+        ),
+    ] = False,
     detail: Annotated[
-        o.Detail, o.option(o.OUTPUT, "--detail", help="How finely a mesh is made.")
+        o.Detail, o.option(o.OUTPUT, "--detail", help="How finely branches are meshed.")
     ] = o.Detail.normal,
     local: Annotated[
         bool,
@@ -34,6 +51,7 @@ def decode(
         ),
     ] = False,
     force: o.Force = False,
+    seed: o.Seed = 0,
     as_json: o.Json = False,
     quiet: o.Quiet = False,
     verbose: o.Verbose = False,
@@ -42,13 +60,47 @@ def decode(
     """Decode a tree to a mesh (.glb, .obj, .ply), its graph (.swc) or its cylinders (.csv).
 
     \b
-    Example:  sapwood decode out/oak.lobes -o oak.obj --detail fine
+    Example:  sapwood decode out/oak.lobes -o oak.glb --species oak --season autumn
+              sapwood decode out/oak.lobes -o oak.obj --lod 0.1
+
+    A tree of known species bears its leaves; a .glb then holds each twig once, and where it is put.
     """
+    from sapwood.outputs import check_free
     from sapwood.trees import read_tree, write_tree
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
-    path = write_tree(read_tree(tree), output, detail=detail.value, local=local, force=force)
+    loaded = read_tree(tree)
+    dressed = None
+    if not hulls and output.suffix.lower() in (".glb", ".obj", ".ply"):
+        check_free([output], force=force)
+        dressed = dress_for(terminal, loaded, species, library, season, lod, seed, detail.value)
+    path = write_tree(
+        loaded, output, detail=detail.value, local=local, force=force, dressed=dressed, flat=flat, lod=lod
+    )
     size = path.stat().st_size
-    terminal.result(f"{path} ({size / 1000:.1f} kB)")
-    terminal.json("decode", input=str(tree), output=str(path), bytes=size)
+    leaves = None if dressed is None else dressed.figures()
+    said = "" if leaves is None else f", {leaves['species']}, {leaves['leaf_area_m2']:.1f} m2 of leaves"
+    terminal.result(f"{path} ({size / 1000:.1f} kB{said})")
+    terminal.json("decode", input=str(tree), output=str(path), bytes=size, lod=lod, leaves=leaves, seed=seed)
     return 0
+
+
+def dress_for(
+    terminal: Terminal,
+    tree: ClusterTree,
+    species: str | None,
+    library: Path | None,
+    season: o.Season,
+    lod: float = 1.0,
+    seed: int = 0,
+    detail: str = "normal",
+) -> Dressed | None:
+    """The tree with the leaves that the options ask for; None for one of no species."""
+    from sapwood.dressing import dress, find_kind
+
+    kind = find_kind(tree, species, library)
+    if kind is None:
+        if tree.species is not None:
+            terminal.note(f"there is no species {tree.species!r} in the library; its clusters stay hulls")
+        return None
+    return dress(tree, kind, lod=lod, season=season.value, seed=seed, detail=detail)

@@ -24,6 +24,7 @@ from sapwood.cli.info import info  # noqa: E402
 from sapwood.cli.preview import preview  # noqa: E402
 from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
 from sapwood.cli.scan import scan  # noqa: E402
+from sapwood.cli.species import species_build, species_list, species_show  # noqa: E402
 from sapwood.cli.terminal import Terminal  # noqa: E402
 from sapwood.text import one_line  # noqa: E402
 
@@ -38,8 +39,14 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "info": info,
     "grow": grow,
     "scan": scan,
+    "species list": species_list,
+    "species show": species_show,
+    "species build": species_build,
     "doctor": doctor,
 }
+
+GROUPS = {"species": "The library of species."}
+"""Commands of two words, by their first."""
 
 
 def make_app(program: str) -> typer.Typer:
@@ -53,8 +60,13 @@ def make_app(program: str) -> typer.Typer:
     if program == "reconstruct":
         app.command()(reconstruct)
         return app
-    for command in COMMANDS.values():
-        app.command()(command)
+    groups: dict[str, typer.Typer] = {}
+    for name, command in COMMANDS.items():
+        group, _, word = name.rpartition(" ")
+        if group and group not in groups:
+            groups[group] = typer.Typer(no_args_is_help=True, help=GROUPS[group])
+            app.add_typer(groups[group], name=group)
+        groups.get(group, app).command(word)(command)
     app.callback(no_args_is_help=True)(_sapwood)
     return app
 
@@ -92,7 +104,7 @@ def _explain(terminal: Terminal, program: str, arguments: Sequence[str], error: 
     """Say what went wrong in one line and return the exit code."""
     from treegraph.errors import FitError, FormatError, InputError
 
-    command = arguments[0] if program == "sapwood" and arguments and arguments[0] in COMMANDS else None
+    command = _command_of(program, arguments)
     text, trace, code = one_line(error), "", THEIRS
     if isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {error.strerror}."
@@ -109,6 +121,12 @@ def _explain(terminal: Terminal, program: str, arguments: Sequence[str], error: 
     terminal.error(text, trace)
     terminal.json(command or program, error={"message": text, "exit_code": code})
     return code
+
+
+def _command_of(program: str, arguments: Sequence[str]) -> str | None:
+    """The command that is meant: of one word or, in a group, of two."""
+    words = (" ".join(arguments[:n]) for n in (2, 1) if program == "sapwood")
+    return next((word for word in words if word in COMMANDS), None)
 
 
 def _is_usage(error: Exception) -> bool:

@@ -10,7 +10,7 @@ import typer
 
 from sapwood._version import __version__
 
-SCAN, TREE, OUTPUT, RUN = "The scan", "The tree", "The outputs", "Running"
+SCAN, TREE, LEAVES, OUTPUT, RUN = "The scan", "The tree", "Its leaves", "The outputs", "Running"
 
 
 class Units(StrEnum):
@@ -46,6 +46,15 @@ class Detail(StrEnum):
     fine = "fine"
     normal = "normal"
     coarse = "coarse"
+
+
+class Season(StrEnum):
+    """Seasons of the year."""
+
+    spring = "spring"
+    summer = "summer"
+    autumn = "autumn"
+    winter = "winter"
 
 
 class Renderer(StrEnum):
@@ -106,7 +115,31 @@ Seed = Annotated[
 ]
 Force = Annotated[bool, option(OUTPUT, "--force", help="Replace files that are there already.")]
 
-Species = Annotated[str | None, option(TREE, "--species", metavar="NAME", help="Whose allometry to use.")]
+Species = Annotated[
+    str | None,
+    option(TREE, "--species", metavar="NAME", help="Its allometry and leaves; `sapwood species list`."),
+]
+DressedAs = Annotated[
+    str | None,
+    option(LEAVES, "--species", metavar="NAME", help="Whose leaves it bears. (default: the tree's own)"),
+]
+LibraryFolder = Annotated[
+    Path | None,
+    option(LEAVES, "--library", metavar="DIR", help="Species of your own, looked for there first."),
+]
+SeasonOption = Annotated[Season, option(LEAVES, "--season", help="Of the leaves.")]
+Hulls = Annotated[bool, option(LEAVES, "--hulls", help="Leaf clusters as plain hulls, without leaves.")]
+Lod = Annotated[
+    float,
+    option(
+        LEAVES,
+        "--lod",
+        metavar="X",
+        min=1e-4,
+        max=1.0,
+        help="Part of the leaves and branches that is kept; leaf area stays.",
+    ),
+]
 FS = Annotated[
     float | None,
     option(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sapwood.cli import options as o
+from sapwood.cli.decode import dress_for
 from sapwood.cli.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -17,6 +18,11 @@ def preview(
     source: o.LobesOrScan,
     output: o.Picture,
     scan: o.Beside = None,
+    species: o.DressedAs = None,
+    library: o.LibraryFolder = None,
+    season: o.SeasonOption = o.Season.summer,
+    lod: o.Lod = 1.0,
+    hulls: o.Hulls = False,
     turntable: o.Turning = False,
     frames: o.Frames = 36,
     size: o.Size = None,
@@ -33,7 +39,7 @@ def preview(
 
     \b
     Example:  sapwood preview out/oak.lobes -o oak.png
-              sapwood preview oak.laz -o oak.png
+              sapwood preview oak.laz -o oak.png --species oak
               sapwood preview out/oak.lobes -o oak.gif --turntable
     """
     from sapwood.outputs import check_free
@@ -46,7 +52,9 @@ def preview(
     if size is not None:
         look["size"] = o.parse_size(size)
     with terminal.progress(None, f"{source}: drawing"):
-        tree, points = _load(terminal, source, scan)
+        tree, points = _load(terminal, source, scan, species, library)
+        dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
+        look["parts"] = None if dressed is None else dressed.parts()
         if turntable:
             drawn = _draw(output, force, "turntable", tree, frames=frames, **look)
         else:
@@ -57,6 +65,7 @@ def preview(
     terminal.result(str(output))
     height, width = drawn.image.shape[:2]
     facts = {"renderer": drawn.renderer, "width": width, "height": height, "seed": seed}
+    facts["leaves"] = None if dressed is None else dressed.figures()
     terminal.json("preview", input=str(source), output=str(output), **facts)
     return 0
 
@@ -70,7 +79,9 @@ def _check_suffix(output: Path, turntable: bool) -> None:
         raise InputError(f"{output}: the name of {what} must end in {' or '.join(allowed)}.")
 
 
-def _load(terminal: Terminal, source: Path, scan: Path | None) -> tuple[ClusterTree, Any]:
+def _load(
+    terminal: Terminal, source: Path, scan: Path | None, species: str | None, library: Path | None
+) -> tuple[ClusterTree, Any]:
     """The tree, and the points that are drawn beside it: (xyz, color) in the tree's frame, or None."""
     from sapwood.trees import is_lobes, read_tree
     from treegraph.errors import InputError
@@ -87,7 +98,7 @@ def _load(terminal: Terminal, source: Path, scan: Path | None) -> tuple[ClusterT
         raise InputError(f"{source}: --scan goes with a .lobes file; a scan is drawn beside its tree anyway.")
     from sapwood.pipeline import reconstruct
 
-    made = reconstruct(source)
+    made = reconstruct(source, species=species, library=library)
     for note in made.notes:
         terminal.note(f"{made.name}: {note}")
     return made.tree, (made.cloud.xyz, made.cloud.color)

@@ -28,6 +28,9 @@ def reconstruct(
     beta: o.Beta = None,
     gamma: o.Gamma = None,
     max_nodes: o.MaxNodes = None,
+    library: o.LibraryFolder = None,
+    season: o.SeasonOption = o.Season.summer,
+    hulls: o.Hulls = False,
     units: o.UnitsOption = None,
     up: o.UpOption = o.Up.z,
     base: o.Base = None,
@@ -58,7 +61,7 @@ def reconstruct(
 
     \b
     NAME.lobes          the tree, a few kilobytes
-    NAME.glb            its mesh
+    NAME.glb            its mesh, with leaves if --species is given
     NAME.cylinders.csv  its cylinders, in the scan's coordinates
     NAME.png            the scan beside the model
     NAME.json           its measures, and how it was made
@@ -66,13 +69,15 @@ def reconstruct(
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     reading = {
         "species": species,
+        "library": str(library) if library else None,
         "f_s": f_s,
         "beta": beta,
         "gamma": gamma,
         "max_nodes": max_nodes,
         **scan_options(units, up, base, largest, tree_id, keep_ground, max_points, as_points, decimal),
     }
-    saving = {"preview": not no_preview, "turntable": turntable, "force": force, "seed": seed}
+    saving: dict[str, Any] = {"preview": not no_preview, "turntable": turntable, "force": force, "seed": seed}
+    saving |= {"season": season.value, "leaves": not hulls, "library": str(library) if library else None}
     return run(terminal, scans, output, reading, saving, jobs, resume)
 
 
@@ -171,11 +176,10 @@ def _find(terminal: Terminal, arguments: Sequence[str]) -> tuple[dict[str, Path]
 
 def _check_options(reading: dict[str, Any]) -> None:
     """Find a misspelt species or a value out of range before any scan is read."""
-    from sapwood.pipeline import READ_OPTIONS, make_settings
-    from treegraph import find_allometry
+    from sapwood.pipeline import READ_OPTIONS, known_species, make_settings
 
-    find_allometry(reading["species"])
-    skipped = ("species", *READ_OPTIONS)
+    known_species(reading["species"], reading["library"])
+    skipped = ("species", "library", *READ_OPTIONS)
     make_settings(**{key: value for key, value in reading.items() if key not in skipped})
 
 

@@ -1,4 +1,4 @@
-"""A species ready for use: its patches and pictures, derived from the definition or read from where they are kept.
+"""A species ready for use: patches and pictures, derived from its definition or read where they are kept.
 
 Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
 Konstanz, 2013, section 3.4 (the species library).

@@ -1,4 +1,4 @@
-"""Where species are found: the library that comes along, folders of one's own, and what is derived of them."""
+"""Where species are found: the library that comes along, folders of one's own, and what is derived."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Library:
         return self._paths[self.find(name).name]
 
     def find(self, name: str) -> Definition:
-        """The definition of a species by any of its names; upper and lower case, blanks and hyphens do not count.
+        """The definition of a species by any of its names; case, blanks and hyphens do not count.
 
         Raises
         ------
@@ -99,8 +99,8 @@ class Library:
         """A species with its patches and pictures.
 
         They are read from ``NAME.twigs`` beside its file, if that belongs to it, else from the user's cache
-        (the folder that SAPWOOD_CACHE names, or ``sapwood`` in the system's folder for caches), else derived and
-        kept there, if it can be written to.
+        (the folder that SAPWOOD_CACHE names, or ``sapwood`` in the system's folder for caches), else
+        derived and kept there, if it can be written to.
 
         Raises
         ------

@@ -1,8 +1,8 @@
 """What is derived of a species as one file: branchlets and pictures, packed; read without trust.
 
 Layout, little-endian: ``SAPTWIGS``, a byte of version, SHA-256 (32 bytes) of the species' definition, SHA-256
-of what follows, then a table of sizes and the sections, each a zstd frame where that is smaller. The first section
-is JSON: counts, ranges and the sizes of the pictures.
+of what follows, then a table of sizes and the sections, each a zstd frame where that is smaller. The first
+section is JSON: counts, ranges and the sizes of the pictures.
 """
 
 from __future__ import annotations
@@ -283,7 +283,7 @@ def _branchlets(
         along = _from_octahedron(columns["along"][2 * leaf : 2 * (leaf + m)].reshape(2, m).T)
         length = _from_log(columns["length"][mine[1]], LOG_LENGTH)
         graph = TreeGraph(
-            parent,
+            parent.astype(np.int32),
             entry["low"] + entry["extent"] * place / GRID,
             _from_log(columns["radius"][mine[0]], LOG_RADIUS),
             {"order": columns["order"][mine[0]].astype(np.int32)},

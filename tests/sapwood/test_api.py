@@ -71,7 +71,7 @@ def test_options_reach_the_encoder(scans):
 @pytest.mark.parametrize(
     "options, match",
     [
-        ({"species": "oka"}, "species must be one of"),
+        ({"species": "oka"}, "there is no species 'oka'; did you mean 'Oak'"),
         ({"f_s": 1.5}, "f_s must be"),
         ({"max_nodse": 5}, "there is no option 'max_nodse'; the options are base, beta"),
         ({"name": "../oak"}, "name must be a file name without suffix and folder, got '../oak'"),

@@ -1,0 +1,186 @@
+"""Trees dressed with the leaves of their species: clusters textured, meshes decoded at a level of detail."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from treegraph.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from render import DecodedTree, Foliage, Part
+    from species import PatchTable, Texture
+    from species.library import Library, Species
+    from treegraph import ClusterTree
+
+__all__ = ["Dressed", "dress", "find_kind", "open_library"]
+
+LEAF_STREAM = 3  # of the seed's random numbers: leaves do not change what else is drawn at random
+DECIMALS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Dressed:
+    """A tree with its foliage.
+
+    Attributes
+    ----------
+    tree : ClusterTree
+    species : Species
+    texture : Texture
+        Which patch is where.
+    decoded : DecodedTree
+        Branches and instances, ready to be drawn or written.
+    season : str
+    """
+
+    tree: ClusterTree
+    species: Species
+    texture: Texture
+    decoded: DecodedTree
+    season: str
+
+    def __repr__(self) -> str:
+        return f"<Dressed {self.species.name}, {self.season}: {self.decoded!r}>"
+
+    @property
+    def leaf_area(self) -> float:
+        """One side of all leaves as they are drawn, m2; 0 in a season without."""
+        return 0.0 if self.species.definition.is_bare(self.season) else self.decoded.leaf_area
+
+    def parts(self) -> tuple[Part, ...]:
+        """Wood, twigs and leaves as plain meshes."""
+        from render import flat_parts
+
+        return flat_parts(self.decoded)
+
+    def figures(self) -> dict[str, Any]:
+        """What is said of the foliage in reports: species, season, leaf area (m2), leaves, twigs."""
+        volume = float(self.texture.target.sum()) / self.species.definition.leaf_area_density
+        return {
+            "species": self.species.name,
+            "season": self.season,
+            "leaf_area_m2": round(self.leaf_area, DECIMALS),
+            "cluster_volume_m3": round(volume, DECIMALS),
+            "leaf_area_density": self.species.definition.leaf_area_density,
+            "n_leaves": 0 if self.leaf_area == 0.0 else self.decoded.n_leaves,
+            "n_twigs": self.decoded.n_instances,
+        }
+
+
+def open_library(folder: str | os.PathLike[str] | None = None) -> Library:
+    """The library that comes along; with a folder, that is looked into first.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder.
+    """
+    from pathlib import Path
+
+    from species.library import Library, builtin_library
+
+    if folder is None:
+        return builtin_library()
+    return Library((Path(folder), *builtin_library().folders))
+
+
+def find_kind(
+    tree: ClusterTree, species: str | None = None, folder: str | os.PathLike[str] | None = None
+) -> Species | None:
+    """The species with which a tree is dressed: the one named, else the tree's own; None if it has none.
+
+    Raises
+    ------
+    InputError
+        If the library has no species of the name that is asked for. A tree's own name that it does not know,
+        of another library, gives None.
+    """
+    library = open_library(folder)
+    if species is not None:
+        return library.load(species)
+    if tree.species is None:
+        return None
+    try:
+        return library.load(tree.species)
+    except InputError:  # made with another library
+        return None
+
+
+def dress(
+    tree: ClusterTree,
+    species: Species,
+    *,
+    lod: float = 1.0,
+    season: str = "summer",
+    seed: int = 0,
+    density: ArrayLike = 1.0,
+    detail: str = "normal",
+) -> Dressed:
+    """Fill a tree's clusters with the twigs and leaves of a species, and decode it.
+
+    Parameters
+    ----------
+    tree : ClusterTree
+        Every radius must be known. Without clusters it gets no leaves.
+    species : Species
+        Of :func:`species.library.find_species`.
+    lod : float, default 1
+        Level of detail: part of the leaves and of the branches' edges that is kept, above 0 to 1. Leaf area
+        stays.
+    season : str, default "summer"
+        "spring", "summer", "autumn" or "winter".
+    seed : int, default 0
+        Another one, another arrangement of twigs.
+    density : float or (k,) array_like
+        Factor on the leaf area of each cluster, >= 0 (thesis, Eq. 4.13).
+    detail : str
+        How finely branches are meshed: "fine", "normal" or "coarse".
+
+    Returns
+    -------
+    dressed : Dressed
+
+    Raises
+    ------
+    InputError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    The same tree, species and seed give the same leaves, bit for bit.
+    """
+    import render
+    from species import texture_tree
+
+    foliage = _foliage(species, float(lod), season)
+    texture = texture_tree(
+        tree,
+        _table(species),
+        leaf_density=species.definition.leaf_area_density,
+        rng=np.random.default_rng([seed, LEAF_STREAM]),
+        density=density,
+    )
+    settings = render.DETAIL[detail]
+    decoded = render.decode_tree(tree.graph, texture.instances, foliage, settings=settings)
+    return Dressed(tree, species, texture, decoded, season)
+
+
+@lru_cache(maxsize=32)
+def _table(species: Species) -> PatchTable:
+    from species import pack_patches
+
+    return pack_patches(species.patches, leaf_share=species.leaf_share)
+
+
+@lru_cache(maxsize=16)
+def _foliage(species: Species, lod: float, season: str) -> Foliage:
+    from render.dressing import species_foliage
+
+    return species_foliage(species, share=lod, season=season)
