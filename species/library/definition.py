@@ -6,8 +6,6 @@ Konstanz, 2013, sections 3.3.1 (parameters of a species), 3.4 (branchlets of a s
 
 from __future__ import annotations
 
-import hashlib
-import math
 import os
 import tomllib
 from collections.abc import Callable, Mapping
@@ -27,12 +25,15 @@ if TYPE_CHECKING:
 __all__ = ["BladeRules", "BranchletRules", "Definition", "Phenology", "parse_definition", "read_definition"]
 
 MOST_FILE_BYTES = 100_000
+LONGEST_MESSAGE = 400  # characters; a value that is not what it should be may be long
+LARGEST_NUMBER = 1e15
 MOST_BRANCHLETS = 60
 MOST_NAMES = 40
 LONGEST_NAME = 80
 DAYS = 365
 TABLES = ("allometry", "branchlets", "leaf", "leaf_colors", "bark", "blade", "phenology", "growth")
 NEEDED = ("name", "latin", "leaf_area_density", "allometry", "branchlets", "leaf", "bark")
+ALLOMETRY = ("beta", "gamma", "f_s")
 KEYS = (*NEEDED, "also", "what", *TABLES)
 
 
@@ -61,9 +62,15 @@ class Phenology:
             )
 
     def season(self, day: int) -> str:
-        """The season of a day of the year, 1 to 366: "spring", "summer", "autumn" or "winter"."""
-        if not 1 <= day <= DAYS + 1:
-            raise InputError(f"day must be from 1 to {DAYS + 1}, got {day!r}")
+        """The season of a day of the year, 1 to 366: "spring", "summer", "autumn" or "winter".
+
+        Raises
+        ------
+        InputError
+            If it is no such day.
+        """
+        if isinstance(day, bool) or not hasattr(day, "__index__") or not 1 <= day <= DAYS + 1:
+            raise InputError(f"day must be a whole number from 1 to {DAYS + 1}, got {day!r}")
         edges = (self.leaf_out, self.summer, self.autumn, self.leaf_fall)
         return ("winter", "spring", "summer", "autumn", "winter")[sum(day >= edge for edge in edges)]
 
@@ -178,11 +185,6 @@ class Definition:
         """Every name under which it is found."""
         return (self.name, self.latin, *self.also)
 
-    @property
-    def key(self) -> str:
-        """SHA-256 of the file: what is derived from it belongs to it."""
-        return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
-
     def is_bare(self, season: str) -> bool:
         """Whether it stands without leaves in a season.
 
@@ -207,6 +209,8 @@ def read_definition(path: str | os.PathLike[str]) -> Definition:
         If it is not TOML. Every message begins with the path and names the table.
     """
     name = os.fspath(path)
+    if os.path.exists(path) and not os.path.isfile(path):  # nor a pipe, which might never end
+        raise InputError(f"{name}: this is not a file; name a species' TOML file.")
     try:
         with open(path, "rb") as file:
             data = file.read(MOST_FILE_BYTES + 1)
@@ -217,7 +221,7 @@ def read_definition(path: str | os.PathLike[str]) -> Definition:
     if len(data) > MOST_FILE_BYTES:
         raise FormatError(f"{name}: larger than {MOST_FILE_BYTES} bytes; a species is a short TOML file")
     try:
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:
         raise FormatError(f"{name}: not a TOML file of a species ({error})") from None
     try:
@@ -231,7 +235,14 @@ def parse_definition(text: str) -> Definition:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"not a TOML file of a species ({error})") from None
+        raise FormatError(_short(f"not a TOML file of a species ({error})")) from None
+    try:
+        return _parse(table, text)
+    except InputError as error:
+        raise InputError(_short(str(error))) from None
+
+
+def _parse(table: Mapping[str, Any], text: str) -> Definition:
     _check_keys("", table, KEYS)
     missing = [key for key in NEEDED if key not in table]
     if missing:
@@ -239,6 +250,9 @@ def parse_definition(text: str) -> Definition:
     density = table["leaf_area_density"]
     if isinstance(density, bool) or not isinstance(density, int | float) or not 0.0 < density <= 50.0:
         raise InputError(f"leaf_area_density must be above 0 and at most 50 m2/m3, got {density!r}")
+    what = table.get("what", "")
+    if not isinstance(what, str) or len(what.splitlines()) > 1:
+        raise InputError(f"what must be one line of text, got {what!r}")
     also = table.get("also", [])
     if not isinstance(also, list) or len(also) > MOST_NAMES:
         raise InputError(f"also must be a list of at most {MOST_NAMES} names, got {also!r}")
@@ -246,7 +260,7 @@ def parse_definition(text: str) -> Definition:
         name=_name("name", table["name"]),
         latin=_name("latin", table["latin"]),
         leaf_area_density=float(density),
-        allometry=_made("allometry", table, Allometry, ("beta", "gamma", "f_s")),
+        allometry=_allometry(table),
         branchlets=_made("branchlets", table, BranchletRules),
         leaf=_made("leaf", table, LeafShape),
         colors=_made("leaf_colors", table, LeafColors),
@@ -255,26 +269,43 @@ def parse_definition(text: str) -> Definition:
         phenology=_made("phenology", table, Phenology),
         growth=_growth(table),
         also=tuple(_name("also", name) for name in also),
-        what=str(table.get("what", "")),
+        what=what.strip(),
         text=text,
     )
 
 
-def _made(name: str, table: Mapping[str, Any], kind: Callable[..., Any], keys: Any = None) -> Any:
+def _short(message: str) -> str:
+    """A message that does not repeat a whole file."""
+    return message if len(message) <= LONGEST_MESSAGE else f"{message[: LONGEST_MESSAGE - 4]} ..."
+
+
+def _made(name: str, table: Mapping[str, Any], kind: Callable[..., Any], known: Any = None) -> Any:
     """An object of the table of this name; what is wrong with it is said with the table's name."""
     values = table.get(name, {})
     if not isinstance(values, dict):
         raise InputError(f"[{name}] must be a table, got {values!r}")
-    known = keys or tuple(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+    fields: Mapping[str, Any] = kind.__dataclass_fields__  # type: ignore[attr-defined]
+    known = known or tuple(fields)
     _check_keys(f"[{name}] ", values, known)
+    missing = [key for key in known if key not in values and _is_needed(fields[key])]
+    if missing:
+        raise InputError(f"[{name}] {', '.join(missing)}: missing")
+    for key, value in values.items():
+        if isinstance(value, int) and abs(value) > LARGEST_NUMBER:
+            raise InputError(f"[{name}] {key} is too large a number, got {value!r}")
     try:
         return kind(**values)
     except InputError as error:
         raise InputError(f"[{name}] {error}") from None
-    except TypeError:
-        fields = kind.__dataclass_fields__  # type: ignore[attr-defined]
-        missing = [key for key in fields if key in known and key not in values and _is_needed(fields[key])]
-        raise InputError(f"[{name}] {', '.join(missing)}: missing") from None
+
+
+def _allometry(table: Mapping[str, Any]) -> Allometry:
+    values = table["allometry"]
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if key in ALLOMETRY and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise InputError(f"[allometry] {key} must be a number, got {value!r}")
+    made: Allometry = _made("allometry", table, Allometry, ALLOMETRY)
+    return made
 
 
 def _is_needed(field: Any) -> bool:
@@ -286,10 +317,11 @@ def _is_needed(field: Any) -> bool:
 def _growth(table: Mapping[str, Any]) -> Preset | None:
     if "growth" not in table:
         return None
+    values = table["growth"]
+    if not isinstance(values, dict):
+        raise InputError(f"[growth] must be a table of growth parameters, got {values!r}")
+    values = {key: value for key, value in values.items() if key != "name"}
     try:
-        values = dict(table["growth"]) if isinstance(table["growth"], dict) else table["growth"]
-        if isinstance(values, dict):
-            values.pop("name", None)
         return preset_of(str(table["name"]), values)
     except InputError as error:
         raise InputError(f"[growth] {error}") from None
@@ -298,23 +330,23 @@ def _growth(table: Mapping[str, Any]) -> Preset | None:
 def _check_keys(where: str, table: Mapping[str, Any], known: Any) -> None:
     for key in table:
         if key not in known:
-            near = get_close_matches(str(key), known, 1, 0.5)
+            near = get_close_matches(key[:LONGEST_NAME], known, 1, 0.5)
             hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
             raise InputError(f"{where}there is no entry {key!r}{hint}")
 
 
 def _name(key: str, value: Any) -> str:
-    good = isinstance(value, str) and value.isprintable() and 0 < len(value.strip()) <= LONGEST_NAME
-    if not good:
-        raise InputError(f"{key} must be a name of 1 to {LONGEST_NAME} printable characters, got {value!r}")
+    good = isinstance(value, str) and value.isprintable() and len(value.strip()) <= LONGEST_NAME
+    if not good or not any(character.isalnum() for character in value):
+        raise InputError(
+            f"{key} must be a name of 1 to {LONGEST_NAME} printable characters with a letter, got {value!r}"
+        )
     return str(value).strip()
 
 
 def _range(name: str, value: Any, low: float, high: float) -> tuple[float, float]:
-    try:
-        first, last = (float(number) for number in value)
-    except (TypeError, ValueError):
-        first = last = math.nan
-    if not low <= first <= last <= high:
+    several = isinstance(value, list | tuple) and len(value) == 2
+    right = several and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value)
+    if not right or not low <= value[0] <= value[1] <= high:
         raise InputError(f"{name} must be two ascending numbers from {low:g} to {high:g}, got {value!r}")
-    return first, last
+    return float(value[0]), float(value[1])
