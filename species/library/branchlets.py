@@ -8,26 +8,40 @@ Departs from it in: of the side twigs that are cut off only some are kept as pat
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from species.errors import DerivationError
+from species.errors import DerivationError, GrammarError
 from species.foliage import LeafSet
 from species.library.definition import Definition
 from species.patches import Patch
-from treegraph import NO_PARENT, InputError, TreeGraph, take_nodes
+from treegraph import NO_PARENT, TreeGraph, take_nodes
+
+if TYPE_CHECKING:
+    from species.lsystem import Grammar
 
 __all__ = ["Branchlet", "cut_branchlet", "derive_branchlets", "leaf_box"]
 
 GOLDEN = 0.6180339887498949
 MOST_NODES, MOST_LEAVES = 4000, 1500  # of one branchlet
-LEAST_RADIUS = 2e-4  # metres
+LEAST_RADIUS, MOST_RADIUS = 2e-4, 1.0  # metres
+LEAST_LEAF, MOST_LEAF = 1e-4, 10.0  # metres
+MOST_REACH = 100.0  # metres from the foot
+MOST_MODULES = 200_000  # of a branchlet's word
+MOST_SECONDS = 30.0  # for all branchlets
 WHOLE_LEAVES = 16  # a twig of so many leaves or fewer is not cut
 CUT_LEAVES = 5  # a side twig of so many leaves or more is cut off
 KEPT = (2, 1)  # side twigs that become patches: of a branchlet, and of such a side twig
 ORDER_STREAM = 7  # of the random numbers that put leaves in order
+PLACE = re.compile(r"line (\d+), column \d+")
+LIMITS_HINT = re.compile(r",? or for more[^;]* with DerivationLimits\([^)]*\)")  # nothing that a file can say
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,50 +87,99 @@ def derive_branchlets(definition: Definition) -> tuple[Branchlet, ...]:
     Raises
     ------
     GrammarError, DerivationError
-        If the grammar is at fault, or a branchlet has no wood, no leaves, or too many nodes.
+        If the grammar is at fault, or a branchlet has no wood, no leaves, something out of its range, or too
+        many nodes; or they take too long. The message has the branchlet, and line and column where there
+        is a place.
     """
-    from species.lsystem import derive_word, draw_word
-
     rules = definition.branchlets
-    grammar = rules.parse()
-    for name in ("size", "slope"):
-        if name not in grammar.parameters:
-            raise InputError(f"[branchlets] the grammar must have `param {name} = ...`; it is set for each")
+    with _about(definition, "grammar"):
+        grammar = rules.parse()
+        for name in ("size", "slope"):
+            if name not in grammar.parameters:
+                raise DerivationError(f"it must have `param {name} = ...`, which is set for each branchlet")
     length, width = leaf_box(definition)
+    end = perf_counter() + MOST_SECONDS
     made = []
     for k in range(rules.count):
         share = 0.5 if rules.count == 1 else k / (rules.count - 1)
         size = rules.size[0] + (rules.size[1] - rules.size[0]) * share
         slope = rules.slope_deg[0] + (rules.slope_deg[1] - rules.slope_deg[0]) * ((k + 0.5) * GOLDEN % 1.0)
-        word = derive_word(
-            grammar, rng=np.random.default_rng([k, 1]), parameters={"size": size, "slope": slope}
-        )
-        drawing = draw_word(word)
-        tree, found = drawing.tree, drawing.leaves
-        keep = found.size > 0.0
-        leaves = LeafSet(
-            found.base[keep], found.along[keep], found.normal[keep], found.size[keep],
-            found.size[keep] * (width / length), found.node[keep],
-        )  # fmt: skip
-        _check_branchlet(k, tree, leaves)
-        graph = tree.replace(radius=np.maximum(tree.radius, LEAST_RADIUS))
-        made.append(Branchlet(graph, leaves, float(size), float(slope)))
+        with _about(definition, f"branchlet {k + 1} of {rules.count}"):
+            if perf_counter() > end:
+                raise DerivationError(
+                    f"deriving all takes longer than {MOST_SECONDS:g} s; draw smaller twigs"
+                )
+            made.append(_derive(grammar, k, float(size), float(slope), width / length))
     return tuple(made)
 
 
-def _check_branchlet(k: int, tree: TreeGraph, leaves: LeafSet) -> None:
-    where = f"[branchlets] branchlet {k + 1}"
+def _derive(grammar: Grammar, k: int, size: float, slope: float, width_share: float) -> Branchlet:
+    """The k-th branchlet."""
+    from species.lsystem import DerivationLimits, derive_word, draw_word
+
+    word = derive_word(
+        grammar,
+        rng=np.random.default_rng([k, 1]),
+        parameters={"size": size, "slope": slope},
+        limits=DerivationLimits(modules=MOST_MODULES),
+    )
+    drawing = draw_word(word)
+    tree, found = drawing.tree, drawing.leaves
+    keep = found.size > 0.0
+    length = found.size[keep]
+    leaves = LeafSet(
+        found.base[keep],
+        found.along[keep],
+        found.normal[keep],
+        length,
+        length * width_share,
+        found.node[keep],
+    )
+    _check_branchlet(tree, leaves)
+    graph = tree.replace(radius=np.maximum(tree.radius, LEAST_RADIUS))
+    return Branchlet(graph, leaves, size, slope)
+
+
+def _check_branchlet(tree: TreeGraph, leaves: LeafSet) -> None:
     if tree.n_nodes < 2:
-        raise DerivationError(f"{where} has no wood: its word draws no F")
-    if (tree.parent[1:] == NO_PARENT).any():
-        raise DerivationError(f"{where} is in pieces: f moves without drawing, and leaves a gap")
+        raise DerivationError("it has no wood: its word draws no F")
+    if (tree.parent[1:] == NO_PARENT).any() or tree.position[0].any():
+        raise DerivationError("it is in pieces: f moves without drawing, and leaves a gap")
     if not leaves.n_leaves:
-        raise DerivationError(f"{where} has no leaves: its word places no L with a size above 0")
+        raise DerivationError("it has no leaves: its word places no L with a size above 0")
     if tree.n_nodes > MOST_NODES or leaves.n_leaves > MOST_LEAVES:
         raise DerivationError(
-            f"{where} has {tree.n_nodes} nodes and {leaves.n_leaves} leaves; at most {MOST_NODES} and "
+            f"it has {tree.n_nodes} nodes and {leaves.n_leaves} leaves; at most {MOST_NODES} and "
             f"{MOST_LEAVES} are taken: draw a smaller twig, larger ones are put together of them"
         )
+    reach = float(np.abs(np.concatenate([tree.position, leaves.base])).max())
+    ranges = (
+        ("its leaves must be", leaves.length, LEAST_LEAF, MOST_LEAF, "long"),
+        ("its wood must be", tree.radius, 0.0, MOST_RADIUS, "thick, as radius"),
+        ("it must reach", np.array([reach]), 1e-3, MOST_REACH, "far"),
+    )
+    for what, value, low, high, which in ranges:
+        wrong = value[(value < low) | (value > high)]
+        if len(wrong):
+            raise DerivationError(f"{what} from {low:g} to {high:g} m {which}, got {wrong[0]:.6g} m")
+
+
+@contextmanager
+def _about(definition: Definition, what: str) -> Iterator[None]:
+    """Say of an error in which branchlet it is, and on which line of the species' file."""
+    try:
+        yield
+    except (GrammarError, DerivationError) as error:
+        text = LIMITS_HINT.sub("", str(error))
+        place = PLACE.match(text)
+        before = definition.text.find(definition.branchlets.grammar)  # -1: it is written with escapes
+        if place is not None and before >= 0:
+            line = definition.text.count("\n", 0, before) + int(place[1])
+            text = f"{place[0]} (line {line} of the file){text[place.end() :]}"
+        text = f"[branchlets] {what}{', ' if place else ': '}{text}"
+        if isinstance(error, GrammarError):
+            raise GrammarError(text, error.line, error.column) from None
+        raise DerivationError(text) from None
 
 
 def cut_branchlet(branchlet: Branchlet, number: int = 0) -> list[Patch]:
@@ -224,8 +287,7 @@ def _patch(
     node = np.flatnonzero(keep)
     wood = take_nodes(graph, node)
     root = wood.position[0]
-    first = wood.position[1] if wood.n_nodes > 1 else graph.position[twigs[0]]
-    axis = _unit(first - root)
+    axis = _first_way(wood) if wood.n_nodes > 1 else _unit(graph.position[twigs[0]] - root)
     turn = _frame(axis)
     its = _take_leaves(leaves, keep[leaves.node], np.cumsum(keep) - 1)
     order = rng.permutation(its.n_leaves)
@@ -243,6 +305,15 @@ def _patch(
         float(np.arcsin(np.clip(axis[2], -1.0, 1.0))),
         number,
     )  # fmt: skip
+
+
+def _first_way(wood: TreeGraph) -> NDArray[np.float64]:
+    """Direction in which a twig sets off: along its axis, to the first node that is somewhere else."""
+    on_axis = np.flatnonzero(wood.attribute["order"] == wood.attribute["order"][1:].min())
+    away = wood.position - wood.position[0]
+    far = np.linalg.norm(away, axis=1) > 1e-9
+    first = next((i for i in (*on_axis, *range(wood.n_nodes)) if far[i]), 0)
+    return _unit(away[first])
 
 
 def _frame(axis: NDArray[np.float64]) -> NDArray[np.float64]:
