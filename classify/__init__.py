@@ -8,16 +8,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from classify.boosting import BoostSettings, Boosted, boost
+    from classify.jointboost import JointBoostClassifier
+    from classify.stumps import Stumps
     from classify.vote import Vote, is_confident, vote_species
 
 _LAZY = {
+    "BoostSettings": "boosting",
+    "Boosted": "boosting",
+    "JointBoostClassifier": "jointboost",
+    "Stumps": "stumps",
     "Vote": "vote",
+    "boost": "boosting",
     "is_confident": "vote",
     "vote_species": "vote",
 }
 
 __all__ = [
+    "BoostSettings",
+    "Boosted",
+    "JointBoostClassifier",
+    "Stumps",
     "Vote",
+    "boost",
     "is_confident",
     "vote_species",
 ]
