@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from species._art_shape import SEASONS
 from species.library.branchlets import Branchlet, cut_branchlet, derive_branchlets
 from species.library.definition import Definition
-from species.library.packing import MOST_BYTES, Packed, pack_species, unpack_species
+from species.library.packing import PICTURES, Packed, pack_species, unpack_species
 from species.patches import Patch
 from treegraph.errors import FormatError, InputError
 
@@ -27,6 +27,9 @@ BUILDER = 1
 """Version of how things are derived: what an older builder made is made anew."""
 PICTURE_SIDE = 256  # pixels
 MOST_SPECIES_BYTES = 200_000
+OPAQUE = 128  # alpha from which a leaf is there
+LEAST_COVERAGE = 0.002  # of its picture that a leaf has to cover
+MOST_PIXELS = 2048  # a side of a picture that is read
 LEAF_STREAM, BARK_STREAM = 11, 12  # of random numbers
 
 
@@ -71,16 +74,18 @@ class Species:
         return self.definition.name
 
     def picture(self, name: str) -> NDArray[np.uint8]:
-        """The pixels (h, w, 3 or 4) of a picture, by its name in :attr:`pictures`.
+        """The pixels of a picture by its name in :attr:`pictures`: (h, w, 3), of a season's leaf (h, w, 4).
 
         Raises
         ------
         InputError
             If there is none: of a season without leaves.
+        FormatError
+            If it is damaged.
         """
         if name not in self.pictures:
             raise InputError(f"{self.name} has no picture {name!r}; it has {', '.join(self.pictures)}")
-        return _pixels(self.pictures[name])
+        return _pixels(self.pictures[name], "RGBA" if name[len("leaf_") :] in SEASONS else "RGB")
 
     @property
     def box(self) -> tuple[float, float, float, float]:
@@ -94,7 +99,7 @@ class Species:
         """Leaf area, one side, over length times width of a leaf: what the outline leaves of its quad."""
         name = next(f"leaf_{season}" for season in SEASONS if f"leaf_{season}" in self.pictures)
         left, bottom, right, top = self.box
-        there = float((self.picture(name)[..., 3] >= 128).mean())
+        there = float((self.picture(name)[..., 3] >= OPAQUE).mean())
         return there * (right - left) * (top - bottom)
 
 
@@ -109,7 +114,8 @@ def build_species(definition: Definition) -> bytes:
     Raises
     ------
     GrammarError, DerivationError, InputError
-        If something in the definition cannot be derived, or it gets larger than a species may be.
+        If something in the definition cannot be derived, its leaves are too thin to be drawn, or it gets
+        larger than a species may be.
     """
     from species.barkart import draw_bark
     from species.leafart import draw_leaf, encode_webp
@@ -122,6 +128,8 @@ def build_species(definition: Definition) -> bytes:
             continue
         rng = np.random.default_rng(LEAF_STREAM)
         drawn = draw_leaf(definition.leaf, definition.colors, PICTURE_SIDE, rng=rng, season=season)
+        if (drawn.rgba[..., 3] >= OPAQUE).mean() < LEAST_COVERAGE:
+            raise InputError(f"[leaf] its picture of {PICTURE_SIDE} pixels is all but empty; make it wider")
         pictures[f"leaf_{season}"] = encode_webp(drawn.rgba)
         pictures["leaf_normal"] = encode_webp(drawn.normal)
         box = tuple(float(side) for side in drawn.box)
@@ -149,6 +157,9 @@ def open_species(definition: Definition, data: bytes) -> Species:
     packed: Packed = unpack_species(data)
     if packed.key != derived_key(definition):
         raise FormatError(f"the derived file does not belong to this definition of {definition.name}")
+    bare = {f"leaf_{season}" for season in SEASONS if definition.is_bare(season)}
+    if set(packed.pictures) != set(PICTURES) - bare or len(packed.branchlets) != definition.branchlets.count:
+        raise FormatError("pictures or branchlets of the definition are not in it; the file is damaged")
     patches = [
         patch
         for number, branchlet in enumerate(packed.branchlets)
@@ -166,15 +177,27 @@ def open_species(definition: Definition, data: bytes) -> Species:
     )
 
 
-def _pixels(data: bytes) -> NDArray[np.uint8]:
+def _pixels(data: bytes, mode: str) -> NDArray[np.uint8]:
     from PIL import Image, UnidentifiedImageError
 
-    if len(data) > MOST_BYTES:
-        raise FormatError("the picture is too large; the file is damaged")
+    if max(_webp_size(data)) > MOST_PIXELS:  # said before anything is made ready for it
+        raise FormatError(f"a picture has more than {MOST_PIXELS} pixels a side; the file is damaged")
     try:
         with Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
-            if max(image.size) > 2048:
-                raise FormatError(f"the picture has {image.size} pixels, more than 2048 a side")
-            return np.array(image.convert("RGBA" if "A" in image.getbands() else "RGB"))
+            return np.array(image.convert(mode))
     except (UnidentifiedImageError, OSError, ValueError) as error:
-        raise FormatError(f"the picture cannot be read ({error}); the file is damaged") from None
+        raise FormatError(f"a picture cannot be read ({error}); the file is damaged") from None
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Width and height that a WebP file declares: of its canvas, or of the only image in it."""
+    kind, body = data[12:16], data[20:30]
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP" and len(body) == 10:
+        if kind == b"VP8X":
+            return int.from_bytes(body[4:7], "little") + 1, int.from_bytes(body[7:10], "little") + 1
+        if kind == b"VP8 ":
+            return int.from_bytes(body[6:8], "little") & 0x3FFF, int.from_bytes(body[8:10], "little") & 0x3FFF
+        if kind == b"VP8L":
+            bits = int.from_bytes(body[1:5], "little")
+            return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    raise FormatError("a picture must be a WebP file; the file is damaged")

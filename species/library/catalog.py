@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import unicodedata
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cache
@@ -22,6 +23,7 @@ DERIVED = ".twigs"
 BUILTIN = Path(__file__).parent / "kinds"
 CACHE_VARIABLE = "SAPWOOD_CACHE"
 LIKE = 0.5  # how like a name has to be to be suggested, 0 to 1
+LONGEST_SHOWN = 80  # characters of a name that is not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +44,20 @@ class Library:
 
     def __post_init__(self) -> None:
         for folder in self.folders:
-            if not Path(folder).is_dir():
-                raise InputError(f"{folder}: there is no such folder of species.")
-            for path in sorted(Path(folder).glob("*.toml")):
+            for path in _files_of(Path(folder)):
                 try:
-                    definition = read_definition(path)
+                    self._add(path, read_definition(path))
                 except (InputError, FormatError) as error:
                     self._faults.append(str(error))
-                    continue
-                if _plain(definition.name) not in {_plain(name) for name in self._known}:
-                    self._known[definition.name] = definition
-                    self._paths[definition.name] = path
+
+    def _add(self, path: Path, definition: Definition) -> None:
+        """Take a species in, unless a folder before has one of its name."""
+        holder = self.holder(definition.name)
+        if holder is None:
+            self._known[definition.name] = definition
+            self._paths[definition.name] = path
+        elif holder.parent == path.parent:
+            raise InputError(f"{path}: its name {definition.name!r} is that of {holder.name} too")
 
     @property
     def names(self) -> list[str]:
@@ -64,6 +69,10 @@ class Library:
         """What is wrong with files that could not be read, a line each; the others are there."""
         return list(self._faults)
 
+    def holder(self, name: str) -> Path | None:
+        """The file of the species that is called so, other names left aside; None if there is none."""
+        return next((path for known, path in self._paths.items() if _plain(known) == _plain(name)), None)
+
     def path(self, name: str) -> Path:
         """The file of a species; as :meth:`find`."""
         return self._paths[self.find(name).name]
@@ -71,10 +80,12 @@ class Library:
     def find(self, name: str) -> Definition:
         """The definition of a species by any of its names; case, blanks and hyphens do not count.
 
+        The name of one comes before another name of another, whatever their folders.
+
         Raises
         ------
         InputError
-            If there is none; the message suggests the nearest.
+            If there is none; the message suggests the nearest, and says which files could not be read.
         """
         wanted = _plain(name)
         for definition in self._known.values():
@@ -83,17 +94,20 @@ class Library:
         for definition in self._known.values():
             if wanted in {_plain(other) for other in definition.names}:
                 return definition
-        raise InputError(self._unknown(name))
+        text = f"there is no species {str(name)[:LONGEST_SHOWN]!r}{self._hint(name)}"
+        if self._faults:
+            more = f" (and {len(self._faults) - 1} more)" if len(self._faults) > 1 else ""
+            text += f"; left out{more}: {self._faults[0]}"
+        raise InputError(text)
 
-    def _unknown(self, name: str) -> str:
+    def _hint(self, name: str) -> str:
         of = {_plain(other): definition for definition in self._known.values() for other in definition.names}
-        near = get_close_matches(_plain(name), list(of), 1, LIKE)
+        near = get_close_matches(_plain(name)[:LONGEST_SHOWN], list(of), 1, LIKE)
         if not near:
-            return f"there is no species {name!r}; there are {', '.join(self.names)}"
+            return f"; there are {', '.join(self.names)}" if self._known else "; there are none"
         known = of[near[0]]
         exact = next(other for other in known.names if _plain(other) == near[0])
-        meant = repr(exact) if exact == known.name else f"{exact!r} ({known.name})"
-        return f"there is no species {name!r}; did you mean {meant}?"
+        return f"; did you mean {exact!r}{'' if exact == known.name else f' ({known.name})'}?"
 
     def load(self, name: str) -> Species:
         """A species with its patches and pictures.
@@ -105,11 +119,16 @@ class Library:
         Raises
         ------
         InputError
-            If there is no such species, or something in its definition cannot be derived.
+            If there is no such species, or something in its definition cannot be derived; then the message
+            begins with its file.
         """
         definition = self.find(name)
         if definition.name not in self._opened:
-            self._opened[definition.name] = _open(definition, self._paths[definition.name])
+            path = self._paths[definition.name]
+            try:
+                self._opened[definition.name] = _open(definition, path)
+            except (InputError, FormatError) as error:
+                raise InputError(f"{path}: {error}") from error
         return self._opened[definition.name]
 
 
@@ -150,23 +169,38 @@ def derive_beside(path: str | os.PathLike[str]) -> tuple[Species, Path]:
     target = Path(path).with_suffix(DERIVED)
     try:
         data = build_species(definition)
+        species = open_species(definition, data)
         write_whole(target, data)
     except (InputError, FormatError) as error:
-        raise type(error)(f"{os.fspath(path)}: {error}") from error
+        raise InputError(f"{os.fspath(path)}: {error}") from error
     except OSError as error:
         raise InputError(f"{target}: the file cannot be written ({error.strerror}).") from None
-    return open_species(definition, data), target
+    return species, target
 
 
 def cache_folder() -> Path:
     """Where derived files are kept that cannot lie beside their definition."""
-    named = os.environ.get(CACHE_VARIABLE) or os.environ.get("XDG_CACHE_HOME")
-    if os.environ.get(CACHE_VARIABLE):
-        return Path(str(named))
-    home = Path(named) if named else Path(os.path.expanduser("~")) / ".cache"
-    if not home.is_absolute() or str(home).startswith("~"):
-        home = Path(tempfile.gettempdir())
-    return home / "sapwood"
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(os.path.expanduser(named))
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(base):  # its standard says to leave another alone
+        return Path(base) / "sapwood"
+    home = os.path.expanduser("~")
+    if os.path.isabs(home):
+        return Path(home) / ".cache" / "sapwood"
+    return Path(tempfile.gettempdir()) / "sapwood"
+
+
+def _files_of(folder: Path) -> list[Path]:
+    """The definitions in a folder, in alphabetical order."""
+    try:
+        names = sorted(os.listdir(folder))
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{folder}: there is no such folder of species.") from None
+    except OSError as error:
+        raise InputError(f"{folder}: the folder cannot be read ({error.strerror}).") from None
+    return [folder / name for name in names if name.endswith(".toml") and not name.startswith(".")]
 
 
 def _open(definition: Definition, path: Path) -> Species:
@@ -188,4 +222,5 @@ def _open(definition: Definition, path: Path) -> Species:
 
 def _plain(name: str) -> str:
     """A name without what does not count."""
-    return " ".join(str(name).replace("-", " ").replace("_", " ").split()).casefold()
+    text = unicodedata.normalize("NFKC", str(name)).casefold()
+    return " ".join(text.replace("-", " ").replace("_", " ").split())
