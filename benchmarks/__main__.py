@@ -13,9 +13,11 @@ from benchmarks import (
     light,
     lsystem,
     scanning,
+    silhouettes,
     sizes,
     skeleton_truth,
     speed,
+    stand,
     wood,
 )
 
@@ -31,6 +33,8 @@ BENCHMARKS = {
     "grown_truth": grown_truth,
     "lsystem": lsystem,
     "decoding": decoding,
+    "silhouettes": silhouettes,
+    "stand": stand,
 }
 QUICK_LADDER = (100_000, 1_000_000)
 

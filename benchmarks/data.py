@@ -16,7 +16,8 @@ DATA_VARIABLE = "SAPWOOD_DATA"
 class Scan:
     """One scan of one tree.
 
-    ``is_wood``: leaf-off, or only the wood of a tree; reconstructed with f_s = 1.
+    ``is_wood``: leaf-off, or only the wood of a tree; reconstructed with f_s = 1. ``species``: that of the
+    library which fits a tree with leaves best, where it is not known.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Scan:
     is_wood: bool = False
     truth: str | None = None
     more: tuple[str, ...] = ()
+    species: str | None = None
 
 
 SCANS = (
@@ -51,26 +53,27 @@ SCANS = (
         is_wood=True,
         truth="ship/woodske/orange_reference_skeleton.laz",
     ),
-    Scan("itsme/tree1", "ship/itsme/itsme_tls_tree1.laz"),
-    Scan("itsme/tree2", "ship/itsme/itsme_tls_tree2.laz"),
-    Scan("itsme/buttressed1", "ship/itsme/itsme_tls_buttressed1.laz"),
-    Scan("itsme/uav", "ship/itsme/itsme_uav_tree.laz"),
-    Scan("laspy/vegetation", "ship/laspy/vegetation_1_3.las"),
-    Scan("adtree/Lille_11", "local/adtree/Lille_11.xyz"),
-    Scan("adtree/tree1", "local/adtree/tree1.xyz"),
-    Scan("adtree/tree13", "local/adtree/tree13.xyz"),
-    Scan("adtree/ahn3_delft", "local/adtree/ahn3_delft.xyz"),
-    Scan("arbor/tree_qsm", "local/arbor/tree_qsm.laz"),
-    Scan("treels/pine", "local/treels/pine.laz"),
-    Scan("treels/spruce", "local/treels/spruce.laz"),
-    Scan("pytlidar/tree_1 (palm)", "local/pytlidar/tree_1.las"),
+    Scan("itsme/tree1", "ship/itsme/itsme_tls_tree1.laz", species="Mahogany"),
+    Scan("itsme/tree2", "ship/itsme/itsme_tls_tree2.laz", species="Terminalia"),
+    Scan("itsme/buttressed1", "ship/itsme/itsme_tls_buttressed1.laz", species="Ficus Virens"),
+    Scan("itsme/uav", "ship/itsme/itsme_uav_tree.laz", species="Bischofia polycarpa"),
+    Scan("laspy/vegetation", "ship/laspy/vegetation_1_3.las", species="Lagerstroemia"),
+    Scan("adtree/Lille_11", "local/adtree/Lille_11.xyz", species="Spruce"),
+    Scan("adtree/tree1", "local/adtree/tree1.xyz", species="Ficus microcarpa"),
+    Scan("adtree/tree13", "local/adtree/tree13.xyz", species="Birch"),
+    Scan("adtree/ahn3_delft", "local/adtree/ahn3_delft.xyz", species="Oak"),
+    Scan("arbor/tree_qsm", "local/arbor/tree_qsm.laz", species="Beech"),
+    Scan("treels/pine", "local/treels/pine.laz", species="Pine"),
+    Scan("treels/spruce", "local/treels/spruce.laz", species="Spruce"),
+    Scan("pytlidar/tree_1 (palm)", "local/pytlidar/tree_1.las", species="Palm"),
     Scan(
         "gbs_rc151 wood+leaf",
         "local/gbs_rc151/rc_151_pc_wood.txt",
         more=("local/gbs_rc151/rc_151_pc_leaf.txt",),
+        species="Mahogany",
     ),
-    Scan("geometricfeatures/tree", "local/geometricfeatures/tree.txt"),
-    Scan("rtls/pc_tree", "local/rtls/pc_tree.txt"),
+    Scan("geometricfeatures/tree", "local/geometricfeatures/tree.txt", species="Spruce"),
+    Scan("rtls/pc_tree", "local/rtls/pc_tree.txt", species="Oak"),
 )
 
 WALNUT = tuple(

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from render import Part
+    from sapwood.dressing import Dressed
     from species import GrownTree, Preset
-    from treegraph import ClusterTree, Sky
+    from species.library import Species
+    from treegraph import ClusterTree, Sky, TreeGraph
     from treegraph.obstacles import Obstacle
 
 __all__ = [
@@ -97,13 +99,20 @@ class Group:
         Of the leaves.
     bare : bool
         Without leaves.
+    species : Species, optional
+        Whose twigs, leaves and bark they have; else leaves are plain blades.
+    season : str
+        Of a species' leaves.
     """
 
     trees: Sequence[GrownTree]
     obstacles: tuple[Obstacle, ...] = ()
     seed: int = 0
     bare: bool = False
+    species: Species | None = None
+    season: str = "summer"
     _leaves: dict[int, Any] = field(default_factory=dict)
+    _dressed: dict[int, Any] = field(default_factory=dict)
 
     def leaves(self, k: int) -> Any:
         """The leaves of tree k, a :class:`species.LeafSet`; made when they are first asked for."""
@@ -114,6 +123,19 @@ class Group:
             self._leaves[k] = place_leaves(self.trees[k].tree, rng=rng)
         return self._leaves[k]
 
+    def dressed(self, k: int, detail: str = "normal") -> Dressed:
+        """Tree k with the leaves of its species: as much leaf area in each cluster as has grown there."""
+        from sapwood.dressing import dress
+
+        if k not in self._dressed:
+            assert self.species is not None
+            tree = as_cluster_tree(self.trees[k], self.leaves(k), self.species)
+            density = grown_density(tree, self.trees[k].tree, self.species)
+            self._dressed[k] = dress(
+                tree, self.species, season=self.season, seed=self.seed, density=density, detail=detail
+            )
+        return self._dressed[k]
+
     def parts(self, detail: str = "normal") -> list[Part]:
         """Wood and leaves of all trees: ``wood`` and ``leaves``, ``wood_1`` and so on for the neighbours."""
         import render
@@ -121,6 +143,10 @@ class Group:
         parts: list[Part] = []
         for k, tree in enumerate(self.trees):
             tail = f"_{k}" if k else ""
+            if self.species is not None and not self.bare and self.leaves(k).n_leaves:
+                made = self.dressed(k, detail).parts()
+                parts += [render.Part(f"{part.name}{tail}", part.mesh, part.material) for part in made]
+                continue
             if tree.tree.n_nodes > 1:
                 wood = render.tree_parts(as_cluster_tree(tree), render.DETAIL[detail])[0]
                 parts.append(render.Part(f"wood{tail}", wood.mesh, wood.material))
@@ -142,7 +168,14 @@ def neighbour_places(n: int, spacing: float) -> list[tuple[float, float, float]]
     return places
 
 
-def grow_group(request: Request, age: int | None = None, *, bare: bool = False) -> Group:
+def grow_group(
+    request: Request,
+    age: int | None = None,
+    *,
+    bare: bool = False,
+    species: Species | None = None,
+    season: str = "summer",
+) -> Group:
     """Grow the tree asked for and its neighbours; it is the first.
 
     Raises
@@ -162,7 +195,8 @@ def grow_group(request: Request, age: int | None = None, *, bare: bool = False) 
         site=Site(request.sky, Occluders(obstacles=request.obstacles)),
         settings=settings,
     )
-    return Group(trees, request.obstacles, request.seed, bare)
+    bare = bare or (species is not None and species.definition.is_bare(season))
+    return Group(trees, request.obstacles, request.seed, bare, species, season)
 
 
 def spread_ages(age: int, frames: int) -> list[int]:
@@ -170,7 +204,22 @@ def spread_ages(age: int, frames: int) -> list[int]:
     return sorted({max(1, round(age * (k + 1) / frames)) for k in range(frames)} | {age})
 
 
-def as_cluster_tree(tree: GrownTree, leaves: Any = None) -> ClusterTree:
+def grown_density(tree: ClusterTree, grown: TreeGraph, species: Species) -> NDArray[np.float64]:
+    """Factor on a species' leaf area density for each cluster, so that it bears what has grown in the tree.
+
+    Notes
+    -----
+    The tree's leaf area is shared among its clusters by their volumes.
+    """
+    from treegraph import hull_volumes
+
+    volume = hull_volumes(tree.clusters)
+    total = float(np.asarray(grown.attribute["leaf_area"], float).sum())
+    wanted = species.definition.leaf_area_density * float(volume.sum())
+    return np.full(len(volume), total / wanted if wanted > 0.0 else 1.0)
+
+
+def as_cluster_tree(tree: GrownTree, leaves: Any = None, species: Species | None = None) -> ClusterTree:
     """A grown tree as ClusterTree: its graph, and its leaves, if they are given, in clusters."""
     from dataclasses import replace
 
@@ -178,8 +227,9 @@ def as_cluster_tree(tree: GrownTree, leaves: Any = None) -> ClusterTree:
     from treegraph import DEFAULT_ALLOMETRY, ClusterTree
 
     clusters = () if leaves is None else gather_clusters(tree.tree, leaves)
-    allometry = replace(DEFAULT_ALLOMETRY, d_root=2.0 * float(tree.tree.radius[0]))
-    return ClusterTree(tree.tree, clusters, None, allometry, np.zeros(3))
+    kind = DEFAULT_ALLOMETRY if species is None else species.definition.allometry
+    allometry = replace(kind, d_root=2.0 * float(tree.tree.radius[0]))
+    return ClusterTree(tree.tree, clusters, None if species is None else species.name, allometry, np.zeros(3))
 
 
 def obstacle_parts(obstacles: Sequence[Obstacle], trees: Sequence[GrownTree]) -> list[Part]:
@@ -253,6 +303,8 @@ def draw_grown(group: Group, path: Path | None = None, *, frame: Group | None = 
     if look.get("azimuth") is None and walls:
         look["azimuth"] = math.atan2(-walls[0].normal[0], walls[0].normal[1])
     first = group.trees[0]
+    if group.species is not None and not group.bare:
+        return render.preview(as_cluster_tree(first), path, parts=more, **look)
     if first.tree.n_nodes > 1:
         more = [part for part in more if part.name != "wood"]  # which the preview makes itself
     return render.preview(as_cluster_tree(first), path, more=more, **look)
@@ -300,7 +352,8 @@ def write_grown(
         write_whole(path, lambda to: render.write_ply(to, group.parts(detail)), force=force)
     elif suffix == ".lobes":
         leaves = None if group.bare else group.leaves(0)
-        write_whole(path, lambda to: treegraph.write_lobes(as_cluster_tree(first, leaves), to), force=force)
+        tree = as_cluster_tree(first, leaves, group.species)
+        write_whole(path, lambda to: treegraph.write_lobes(tree, to), force=force)
     elif suffix in (".swc", ".csv"):
         write_tree(as_cluster_tree(first), path, local=True, force=force)
     else:

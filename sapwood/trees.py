@@ -16,12 +16,13 @@ if TYPE_CHECKING:
     from sapwood.dressing import Dressed
     from treegraph import ClusterTree
 
-__all__ = ["DECODED", "is_lobes", "read_tree", "write_tree"]
+__all__ = ["DECODED", "MESHES", "is_lobes", "keep_thickest", "read_tree", "write_tree"]
 
 DECODED = (".glb", ".obj", ".ply", ".swc", ".csv")
 """What a tree can be decoded to, by the suffix of the file."""
 
 MESHES = (".glb", ".obj", ".ply")
+"""Those of them that are meshes, and so have leaves."""
 
 
 def is_lobes(path: str | os.PathLike[str]) -> bool:
@@ -55,6 +56,28 @@ def read_tree(path: str | os.PathLike[str]) -> ClusterTree:
             raise
         text = str(error).removeprefix(Path(name).name).lstrip(":, ")
         raise FormatError(f"{name}: {text}") from error
+
+
+def keep_thickest(tree: ClusterTree, share: float) -> ClusterTree:
+    """A tree of which only the thickest branches are left: a level of detail, to be drawn with its hulls.
+
+    Parameters
+    ----------
+    tree : ClusterTree
+    share : float
+        Part of its edges that is kept, above 0 to 1. Where any are left out, the clusters lose their seeds.
+
+    Raises
+    ------
+    InputError
+        If `share` is out of its range.
+    """
+    import render
+
+    if share == 1.0:
+        return tree
+    hulls = tuple(replace(cluster, seed=np.empty(0, np.int32)) for cluster in tree.clusters)
+    return tree.replace(graph=render.thickest_edges(tree.graph, share)[0], clusters=hulls)
 
 
 def write_tree(
@@ -125,10 +148,7 @@ def _write_mesh(
     if dressed is not None:
         parts = dressed.parts()
     else:
-        if lod < 1.0:
-            hulls = tuple(replace(cluster, seed=np.empty(0, np.int32)) for cluster in tree.clusters)
-            tree = tree.replace(graph=render.thickest_edges(tree.graph, lod)[0], clusters=hulls)
-        parts = render.tree_parts(tree, render.DETAIL[detail])
+        parts = render.tree_parts(keep_thickest(tree, lod), render.DETAIL[detail])
     if suffix == ".glb":
         render.write_glb(path, parts, extras=_extras(tree))
     elif suffix == ".obj":

@@ -14,7 +14,7 @@ from treegraph.allometry import (
     allometric_radii,
     find_allometry,
 )
-from treegraph.clustertree import Cluster, ClusterTree
+from treegraph.clustertree import Cluster, ClusterTree, hull_volumes
 from treegraph.errors import FitError, FormatError, InputError, SapwoodError, TreeError
 from treegraph.graph import NO_PARENT, TreeGraph, check_tree, sort_topological, tree_from_unsorted
 
@@ -86,6 +86,7 @@ __all__ = [
     "Branches",
     "Cluster",
     "ClusterTree",
+    "hull_volumes",
     "FitError",
     "FormatError",
     "HalfSpace",

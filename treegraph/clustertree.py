@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from treegraph.allometry import Allometry
 from treegraph.errors import TreeError
 from treegraph.graph import TreeGraph, _as_float, _as_index
 
-__all__ = ["Cluster", "ClusterTree"]
+__all__ = ["Cluster", "ClusterTree", "hull_volumes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,3 +186,31 @@ class ClusterTree:
             If the changed tree breaks a rule.
         """
         return replace(self, **changes)
+
+
+def hull_volumes(clusters: Sequence[Cluster]) -> NDArray[np.float64]:
+    """Volume that the hull of each cluster encloses.
+
+    Parameters
+    ----------
+    clusters : sequence of Cluster
+        Hulls are closed, their faces look outwards.
+
+    Returns
+    -------
+    volume : (k,) float64 ndarray
+        Cubic metres, >= 0; 0 without faces.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> hull_volumes([Cluster(corners, faces, seed=[], density=0.0, n_points=0)]).round(6).tolist()
+    [0.166667]
+    """
+    volume = np.zeros(len(clusters))
+    for k, cluster in enumerate(clusters):
+        if len(cluster.faces):
+            a, b, c = np.moveaxis(cluster.vertices[cluster.faces] - cluster.vertices[0], 1, 0)
+            volume[k] = max(float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0, 0.0)
+    return volume

@@ -26,6 +26,10 @@ Kind = Annotated[
 PresetName = Annotated[
     str | None, o.option(o.TREE, "--preset", metavar="NAME", help="Growth parameters: F6a to F6f.")
 ]
+KindName = Annotated[
+    str | None,
+    o.option(o.TREE, "--species", metavar="NAME", help="A species of the library, with its leaves and bark."),
+]
 Age = Annotated[
     int | None, o.option(o.TREE, "--age", metavar="N", help="Growth cycles. (default: the kind's)")
 ]
@@ -98,6 +102,9 @@ def grow(
     output: Output,
     kind: Kind = None,
     preset: PresetName = None,
+    species: KindName = None,
+    library: o.LibraryFolder = None,
+    season: o.SeasonOption = o.Season.summer,
     age: Age = None,
     changes: Changes = None,
     bare: Bare = False,
@@ -125,6 +132,7 @@ def grow(
     \b
     Example:  sapwood grow --preset F6b --age 25 --seed 3 -o tree.glb
               sapwood grow --preset F6b --obstacle wall:x=1.5 -o tree.png
+              sapwood grow --species willow --season autumn -o tree.png
               sapwood grow --preset F6e --frames 10 -o tree.gif
 
     Meshes and pictures show neighbours too, pictures also obstacles; .lobes, .swc and .csv hold one tree.
@@ -132,7 +140,8 @@ def grow(
     from sapwood.growing import PICTURES
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
-    chosen = _choose(kind, preset, age, changes)
+    dress = {"species": _load_species(species, library), "season": season.value}
+    chosen = _choose(kind, preset, dress["species"], age, changes)
     suffix = output.suffix.lower()
     _check_output(output, frames, force, chosen.age)
     if suffix == ".toml":
@@ -146,21 +155,37 @@ def grow(
         look["detail"] = detail.value
     terminal.warn_of_compiling()
     start = perf_counter()
-    grown, files = _grow_and_write(terminal, request, output, frames, bare, force, look)
+    grown, files = _grow_and_write(terminal, request, output, frames, dress | {"bare": bare}, force, look)
     _say(terminal, grown, chosen, files, seed, perf_counter() - start)
     return 0
 
 
-def _choose(kind: Path | None, preset: str | None, age: int | None, changes: list[str] | None) -> Preset:
+def _load_species(name: str | None, library: Path | None) -> Any:
+    """The species with its twigs and leaves; None if none is named."""
+    from sapwood.dressing import open_library
+
+    return None if name is None else open_library(library).load(name)
+
+
+def _choose(
+    kind: Path | None, preset: str | None, species: Any, age: int | None, changes: list[str] | None
+) -> Preset:
     """The kind of tree that the arguments ask for."""
     from dataclasses import replace
 
     from species import find_preset, presets, read_growth
     from treegraph.errors import InputError
 
-    if (kind is None) == (preset is None):
-        raise InputError(f"name a file KIND.toml or --preset {', '.join(presets())}: one of the two.")
-    chosen = find_preset(preset) if preset is not None else read_growth(kind)  # type: ignore[arg-type]
+    if kind is not None and preset is not None or (kind or preset or species) is None:
+        raise InputError(
+            f"name one: KIND.toml, --preset {', '.join(presets())}, or --species NAME."
+        )
+    if kind is None and preset is None:
+        if species.definition.growth is None:
+            raise InputError(f"{species.name} has no growth parameters; name KIND.toml or --preset as well.")
+        chosen = species.definition.growth
+    else:
+        chosen = find_preset(preset) if preset is not None else read_growth(kind)  # type: ignore[arg-type]
     values: dict[str, float] = {}
     for text in changes or []:
         name, equals, value = text.partition("=")
@@ -230,7 +255,7 @@ def _grow_and_write(
     request: Request,
     output: Path,
     frames: int | None,
-    bare: bool,
+    dress: dict[str, Any],
     force: bool,
     look: dict[str, Any],
 ) -> tuple[Group, list[Path]]:
@@ -247,9 +272,9 @@ def _grow_and_write(
     files: list[Path] = []
     images = []
     with terminal.progress(len(ages), str(output)) as bar:
-        oldest = grow_group(request, bare=bare)
+        oldest = grow_group(request, **dress)
         for age in ages:
-            group = oldest if age == last else grow_group(request, age, bare=bare)
+            group = oldest if age == last else grow_group(request, age, **dress)
             frame = oldest if len(ages) > 1 else None
             if moving:
                 images.append(draw_grown(group, frame=frame, **look))

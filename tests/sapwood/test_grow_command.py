@@ -1,5 +1,6 @@
 """``sapwood grow`` as people use it."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import treegraph
 from sapwood.growing import Request, grow_group, neighbour_places, spread_ages
 from species import find_preset, read_growth
+from species.library import find_species
+from species.library.catalog import BUILTIN
 
 SMALL = ("--preset", "F6e", "--age", "6", "--seed", "2")
 
@@ -137,8 +140,8 @@ def test_node_limit_is_said(run):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["-o", "a.glb"], "name a file KIND.toml or --preset F6a"),
-        (["k.toml", "--preset", "F6a", "-o", "a.glb"], "one of the two"),
+        (["-o", "a.glb"], "name one: KIND.toml, --preset F6a"),
+        (["k.toml", "--preset", "F6a", "-o", "a.glb"], "name one: KIND.toml"),
         (["nowhere.toml", "-o", "a.glb"], "nowhere.toml: there is no such file"),
         (["--preset", "F6z", "-o", "a.glb"], "there is no preset 'F6z'; there are F6a, F6b"),
         (["--preset", "F6a", "-o", "a.xyz"], "a.xyz: the name must end in one of .glb"),
@@ -196,3 +199,35 @@ def test_rings_of_neighbours():
 )
 def test_ages_of_frames(age, frames, wanted):
     assert spread_ages(age, frames) == wanted
+
+
+def test_a_species_is_grown_with_its_own_leaves(run, tmp_path):
+    done = run("sapwood", "grow", "--species", "beech", "--age", "6", "-o", "tree.lobes", "--json")
+    assert done.code == 0, done.err
+    tree = treegraph.read_lobes(tmp_path / "tree.lobes")
+    assert tree.species == "Beech"
+    glb = run("sapwood", "grow", "--species", "Fagus sylvatica", "--age", "6", "-o", "tree.glb", "--json")
+    assert glb.code == 0, glb.err
+    assert b'"alphaMode":"MASK"' in (tmp_path / "tree.glb").read_bytes()
+    assert glb.json["kind"] == "Beech"
+
+
+def test_leaf_area_of_a_species_is_what_has_grown():
+    kind = find_species("Beech")
+    growth = dataclasses.replace(kind.definition.growth, age=9)
+    group = grow_group(Request(growth, 2), species=kind)
+    grown = group.trees[0].tree.attribute["leaf_area"].sum()
+    assert group.dressed(0).leaf_area == pytest.approx(grown, rel=0.02)
+    bare = grow_group(Request(growth, 2), species=kind, season="winter")
+    assert {part.name for part in bare.parts()} == {"wood"}
+
+
+def test_a_species_without_growth_parameters_or_with_a_file_is_an_error(run, tmp_path):
+    text = (BUILTIN / "beech.toml").read_text(encoding="utf-8")
+    lines = text[: text.index("[growth]")]
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "stub.toml").write_text(lines.replace('"Beech"', '"Stub"'), encoding="utf-8")
+    done = run("sapwood", "grow", "--species", "Stub", "--library", "own", "-o", "a.glb")
+    assert (done.code, "Stub has no growth parameters" in done.err) == (2, True)
+    done = run("sapwood", "grow", "--species", "Beech", "--preset", "F6a", "-o", "b.lobes", "--age", "4")
+    assert done.code == 0, done.err
