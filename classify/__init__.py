@@ -8,31 +8,86 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from classify.boosting import BoostSettings, Boosted, boost
+    from classify.boosting import Boosted, BoostSettings, boost
+    from classify.calibration import (
+        FeatureRange,
+        Rejection,
+        Reliability,
+        calibration_error,
+        fit_temperature,
+        log_loss,
+        reliability,
+        to_probabilities,
+    )
     from classify.jointboost import JointBoostClassifier
+    from classify.model import (
+        SPECIES_SETTINGS,
+        Classification,
+        Explanation,
+        SpeciesModel,
+        Training,
+        train_model,
+    )
+    from classify.model_file import decode_model, encode_model, read_model, write_model
     from classify.stumps import Stumps
     from classify.vote import Vote, is_confident, vote_species
 
 _LAZY = {
     "BoostSettings": "boosting",
     "Boosted": "boosting",
+    "Classification": "model",
+    "Explanation": "model",
+    "FeatureRange": "calibration",
     "JointBoostClassifier": "jointboost",
+    "Rejection": "calibration",
+    "Reliability": "calibration",
+    "SPECIES_SETTINGS": "model",
+    "SpeciesModel": "model",
     "Stumps": "stumps",
+    "Training": "model",
     "Vote": "vote",
     "boost": "boosting",
+    "calibration_error": "calibration",
+    "decode_model": "model_file",
+    "encode_model": "model_file",
+    "fit_temperature": "calibration",
     "is_confident": "vote",
+    "log_loss": "calibration",
+    "read_model": "model_file",
+    "reliability": "calibration",
+    "to_probabilities": "calibration",
+    "train_model": "model",
     "vote_species": "vote",
+    "write_model": "model_file",
 }
 
 __all__ = [
     "BoostSettings",
     "Boosted",
+    "Classification",
+    "Explanation",
+    "FeatureRange",
     "JointBoostClassifier",
+    "Rejection",
+    "Reliability",
+    "SPECIES_SETTINGS",
+    "SpeciesModel",
     "Stumps",
+    "Training",
     "Vote",
     "boost",
+    "calibration_error",
+    "decode_model",
+    "encode_model",
+    "fit_temperature",
     "is_confident",
+    "log_loss",
+    "read_model",
+    "reliability",
+    "to_probabilities",
+    "train_model",
     "vote_species",
+    "write_model",
 ]
 
 

@@ -48,6 +48,9 @@ LEAST_GAIN = 1e-12
 MOST_THRESHOLDS = 65_000
 """Most thresholds per feature: bins are numbered in 16 bits, and one more number stands for missing."""
 
+RAREST = 1e-15
+"""Share of all weight that a class is taken to have at least, so that its log-odds are finite."""
+
 LEAST_LOSS = 1e-200
 """Mean loss at which training is over: all is right, and the weights come near the smallest float."""
 
@@ -268,7 +271,7 @@ class _Problem:
 
     def intercept(self) -> NDArray[np.float64]:
         """Half log-odds of the outputs' classes, (o,)."""
-        share = self.weight @ (self.sign > 0.0) / self.weight.sum()
+        share = np.clip(self.weight @ (self.sign > 0.0) / self.weight.sum(), RAREST, 1.0 - RAREST)
         return 0.5 * np.log(share / (1.0 - share))
 
 

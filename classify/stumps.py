@@ -19,6 +19,12 @@ from treegraph.errors import InputError
 
 __all__ = ["Stumps", "check_features", "two_sided"]
 
+MOST_INTERCEPT = 50.0
+"""Half log-odds of a class of which there is one sample in 10^43."""
+
+MOST_GAIN = 2.0
+"""No stump takes away more than there is, which is 1; the rest is room for rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stumps:
@@ -34,7 +40,7 @@ class Stumps:
     n_features : int
         Columns that the features must have, > 0.
     intercept : (o,) float64
-        Score before any stump.
+        Score before any stump, -50 to 50.
     feature : (m,) int32
         Column that the stump looks at, ``0 <= feature < n_features``.
     threshold : (m,) float64
@@ -42,15 +48,15 @@ class Stumps:
     missing_above : (m,) bool
         Whether a missing value (NaN) counts as above.
     above, below : (m,) float64
-        What the stump adds, in half log-odds.
+        What the stump adds, in half log-odds, -1 to 1.
     shared : (m, o) bool
         The sharing set: the outputs for which the stump's value depends on the feature.
     constant : (m, o) float64
-        What the stump adds for the others; 0 where ``shared``.
+        What the stump adds for the others, -1 to 1; 0 where ``shared``.
     above_share : (m,) float64
         Share of the training samples that were above, 0 to 1.
     gain : (m,) float64
-        How much weighted squared error the stump took away when it was chosen, of 1 at the start; >= 0.
+        How much weighted squared error the stump took away when it was chosen, of 1 at the start; 0 to 2.
 
     Raises
     ------
@@ -88,7 +94,10 @@ class Stumps:
             raise InputError(f"n_features must be at least 1, got {self.n_features}")
         check_range("feature", self.feature, 0, self.n_features - 1)
         check_range("above_share", self.above_share, 0.0, 1.0)
-        check_range("gain", self.gain, 0.0, np.inf)
+        check_range("gain", self.gain, 0.0, MOST_GAIN)
+        check_range("intercept", self.intercept, -MOST_INTERCEPT, MOST_INTERCEPT)
+        for name in ("above", "below", "constant"):  # means of -1 and 1
+            check_range(name, getattr(self, name), -1.0, 1.0)
         if self.constant[self.shared].any():
             raise InputError("constant must be 0 where shared; a shared stump has no constant")
 

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.testing as npt
 import pytest
-from boost_reference import accuracy, boost_slowly, coded, error_of, mixed, projected
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import cross_val_score
@@ -15,6 +14,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from classify import BoostSettings, JointBoostClassifier, Stumps, boost
 from classify.stumps import two_sided
+from tests.classify.boost_reference import accuracy, boost_slowly, coded, error_of, mixed, projected
 from treegraph import InputError
 
 EVERY = BoostSettings(max_thresholds=None)
@@ -198,6 +198,13 @@ def test_weights_count_by_their_ratio():
     x, y = mixed(8, 4, 5, seed=1)
     one, other = train(x, y), train(x, y, weight=np.full(len(y), 1e-6))
     npt.assert_allclose(one.stumps.scores(x), other.stumps.scores(x), rtol=1e-6)
+
+
+def test_a_class_of_hardly_any_weight_is_learnt_all_the_same():
+    x, y = mixed(8, 3, 4, seed=1)
+    stumps = train(x, y, weight=np.where(y == 0, 1e-30, 1.0)).stumps
+    assert stumps.intercept[0] < -17.0
+    assert accuracy(stumps.scores(x)[:, 1:], y - 1) >= 2 / 3 - 1e-9  # the others are not disturbed
 
 
 def test_order_of_samples_features_and_classes_does_not_matter():
@@ -450,7 +457,11 @@ def test_a_stump_by_hand():
         ({"threshold": [0.5, 0.5]}, r"threshold must have shape \(1,\), got \(2,\)"),
         ({"above": [np.inf]}, "above must be finite, got inf"),
         ({"above_share": [1.5]}, "above_share must be from 0.0 to 1.0, got 1.5"),
-        ({"gain": [-0.1]}, "gain must be from 0.0 to inf, got -0.1"),
+        ({"gain": [-0.1]}, "gain must be from 0.0 to 2.0, got -0.1"),
+        ({"above": [1.1]}, "above must be from -1.0 to 1.0, got 1.1"),
+        ({"below": [-1.1]}, "below must be from -1.0 to 1.0, got -1.1"),
+        ({"constant": [[0.0, 1.1, 0.0]]}, "constant must be from -1.0 to 1.0, got 1.1; 1 of 3 break this"),
+        ({"intercept": [0.0, 51.0, 0.0]}, "intercept must be from -50.0 to 50.0, got 51.0"),
         ({"constant": [[0.1, 0.1, 0.0]]}, "constant must be 0 where shared"),
         ({"intercept": [0.0]}, r"intercept must have shape \(3,\), got \(1,\)"),
     ],
