@@ -22,9 +22,10 @@ from species.patches import Patch
 if TYPE_CHECKING:
     from species.library import Species
 
-__all__ = ["blade_of", "materials_of", "species_foliage"]
+__all__ = ["blade_of", "leaf_share", "materials_of", "species_foliage"]
 
 CUT = 0.5  # alpha from which a leaf is there
+MOST_BEND = 3.0  # radians: a leaf that is curled up wholly would run into itself
 LEAF_ROUGHNESS, BARK_ROUGHNESS = 0.75, 0.95
 
 
@@ -92,9 +93,16 @@ def blade_of(species: Species) -> BladeSettings:
         across=rules.across,
         along=rules.along,
         fold=max(0.0, float(np.radians(leaf.fold_deg))) if rules.across == 2 else 0.0,
-        bend=float(np.radians(leaf.curl_deg)) if rules.along > 1 else 0.0,
+        bend=float(np.clip(np.radians(leaf.curl_deg), -MOST_BEND, MOST_BEND)) if rules.along > 1 else 0.0,
         box=species.box,
     )
+
+
+def leaf_share(species: Species) -> float:
+    """Leaf area, one side, over length times width of a leaf as it is drawn: cut out, folded and bent."""
+    blade, leaves = blade_of(species), species.branchlets[0].leaves
+    drawn, flat = blade.area(leaves.width[0] / leaves.length[0]), replace(blade, fold=0.0).area()
+    return min(1.0, species.leaf_share * float(drawn / flat))
 
 
 def _first_leaves(patch: Patch, count: int) -> LeafSet:

@@ -75,11 +75,20 @@ class BladeSettings:
             )
         object.__setattr__(self, "box", box)
 
-    @property
-    def area(self) -> float:
-        """Of the quads, over the leaf's length times its width."""
+    def area(self, width_share: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
+        """Of the quads, over the leaf's length times its width.
+
+        A blade that is folded and bent at once depends on the leaf's width over its length, `width_share`:
+        its sides run on another circle than its midrib.
+        """
         left, bottom, right, top = self.box
-        return (right - left) * (top - bottom)
+        half = 0.5 * self.bend / self.along  # of the angle from one quad to the next
+        across = np.hypot(np.cos(self.fold), np.sin(self.fold) * np.cos(half))
+        rise = 0.0 if self.across == 1 else np.sin(self.fold) * np.sin(half) * self.along
+        total = np.zeros(np.shape(width_share))
+        for side in (-left, right):
+            total = total + side * across * np.abs(top - bottom + rise * side * np.asarray(width_share))
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +141,7 @@ def blade_mesh(leaves: LeafSet, blade: BladeSettings | None = None) -> Mesh:
 
     Notes
     -----
-    A blade's surface is its length times its width times the area of the box, but for blades that are folded
-    and bent at once: their sides run on a larger circle than the midrib, by ``1 + bend sin(fold) width /
-    (4 length)`` on average.
+    A blade's surface is its length times its width times :meth:`BladeSettings.area`.
     """
     blade = blade or BladeSettings()
     m = leaves.n_leaves
@@ -208,7 +215,8 @@ def patch_mesh(
         assert twigs.node is not None
         twigs = replace(twigs, node=node[twigs.node].astype(np.int32))
     blade = blade or BladeSettings()
-    quads = blade.area * float(area.sum())
+    share_of_length = np.divide(leaves.width, leaves.length, out=np.zeros_like(area), where=area > 0.0)
+    quads = float(blade.area(share_of_length) @ area)
     return PatchMesh(twigs, blade_mesh(_first(leaves, count, scale), blade), count, quads)
 
 

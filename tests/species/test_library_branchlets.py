@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from library_examples import GRAMMAR, random_branchlet, species_text
 
 from species.errors import DerivationError, GrammarError
 from species.foliage import LeafSet
 from species.library import Branchlet, branchlets, cut_branchlet, derive_branchlets, parse_definition
 from species.library.branchlets import CUT_LEAVES, KEPT, LEAST_RADIUS, WHOLE_LEAVES, leaf_box
+from tests.library_examples import GRAMMAR, random_branchlet, species_text
 from treegraph import TreeGraph
 
 

@@ -7,7 +7,6 @@ import shutil
 
 import numpy as np
 import pytest
-from library_examples import GRAMMAR, species_text
 from PIL import Image
 
 from species.library import (
@@ -23,6 +22,7 @@ from species.library import (
 )
 from species.library.building import Species, derived_key
 from species.library.packing import pack_species, unpack_species
+from tests.library_examples import GRAMMAR, species_text
 from treegraph.errors import FormatError, InputError
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from library_examples import GRAMMAR, GROWTH, ROWAN, species_text, toml
 
 from species._art_shape import LeafColors, LeafShape
 from species.barkart import BarkShape
 from species.library import BladeRules, BranchletRules, Phenology, parse_definition, read_definition
 from species.library import definition as module
+from tests.library_examples import GRAMMAR, GROWTH, ROWAN, species_text, toml
 from treegraph import Allometry
 from treegraph.errors import FormatError, InputError
 

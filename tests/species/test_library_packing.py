@@ -9,12 +9,12 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from library_examples import random_branchlet
 
 from species.foliage import LeafSet
 from species.library import Branchlet, cut_branchlet
 from species.library import packing as module
 from species.library.packing import HEAD, MAGIC, PICTURES, pack_species, unpack_species
+from tests.library_examples import random_branchlet
 from treegraph import TreeGraph
 from treegraph._lobes_bytes import join_sections, pack_planes, split_sections
 from treegraph.errors import FormatError

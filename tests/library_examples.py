@@ -3,7 +3,7 @@
 import numpy as np
 
 from species.foliage import LeafSet
-from species.library import Branchlet
+from species.library import Branchlet, build_species, building, open_species, parse_definition
 from treegraph import TreeGraph
 
 GRAMMAR = """\
@@ -63,6 +63,16 @@ def species_text(drop=(), **changes):
         if isinstance(value, dict):
             lines += ["", f"[{key}]", *(f"{name} = {toml(entry)}" for name, entry in value.items())]
     return "\n".join(lines) + "\n"
+
+
+def small_species(pixels=32, **changes):
+    """That species, its pictures of 32 pixels, which are drawn at once."""
+    definition = parse_definition(species_text(**changes))
+    side, building.PICTURE_SIDE = building.PICTURE_SIDE, pixels
+    try:
+        return open_species(definition, build_species(definition))
+    finally:
+        building.PICTURE_SIDE = side
 
 
 def toml(value):
