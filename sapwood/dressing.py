@@ -62,7 +62,10 @@ class Dressed:
 
     def figures(self) -> dict[str, Any]:
         """What is said of the foliage in reports: species, season, leaf area (m2), leaves, twigs."""
-        volume = float(self.texture.target.sum()) / self.species.definition.leaf_area_density
+        from recon.hulls import mesh_volume
+
+        hulls = [cluster for cluster in self.tree.clusters if len(cluster.faces)]
+        volume = sum((max(0.0, mesh_volume(hull.vertices, hull.faces)) for hull in hulls), 0.0)
         return {
             "species": self.species.name,
             "season": self.season,
@@ -99,8 +102,8 @@ def find_kind(
     Raises
     ------
     InputError
-        If the library has no species of the name that is asked for. A tree's own name that it does not know,
-        of another library, gives None.
+        If the library has no species of the name that is asked for, or cannot derive it. A tree's own name
+        that it does not know, of another library, gives None.
     """
     library = open_library(folder)
     if species is not None:
@@ -108,9 +111,10 @@ def find_kind(
     if tree.species is None:
         return None
     try:
-        return library.load(tree.species)
+        library.find(tree.species)
     except InputError:  # made with another library
         return None
+    return library.load(tree.species)
 
 
 def dress(
@@ -151,6 +155,8 @@ def dress(
     ------
     InputError
         If an argument is out of its range.
+    TreeError
+        If a radius is unknown.
 
     Notes
     -----
@@ -159,6 +165,15 @@ def dress(
     import render
     from species import texture_tree
 
+    if detail not in render.DETAIL:
+        raise InputError(f"detail must be one of {', '.join(render.DETAIL)}, got {detail!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed must be a whole number from 0, got {seed!r}")
+    if np.shape(density) not in ((), (len(tree.clusters),)):
+        raise InputError(
+            f"density must be one factor or one for each of {len(tree.clusters)} clusters, "
+            f"got shape {np.shape(density)}"
+        )
     foliage = _foliage(species, float(lod), season)
     texture = texture_tree(
         tree,
@@ -174,9 +189,10 @@ def dress(
 
 @lru_cache(maxsize=32)
 def _table(species: Species) -> PatchTable:
+    from render.dressing import leaf_share
     from species import pack_patches
 
-    return pack_patches(species.patches, leaf_share=species.leaf_share)
+    return pack_patches(species.patches, leaf_share=leaf_share(species))
 
 
 @lru_cache(maxsize=16)

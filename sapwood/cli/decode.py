@@ -66,12 +66,18 @@ def decode(
     A tree of known species bears its leaves; a .glb then holds each twig once, and where it is put.
     """
     from sapwood.outputs import check_free
-    from sapwood.trees import read_tree, write_tree
+    from sapwood.trees import DECODED, MESHES, read_tree, write_tree
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     loaded = read_tree(tree)
     dressed = None
-    if not hulls and output.suffix.lower() in (".glb", ".obj", ".ply"):
+    is_mesh = output.suffix.lower() in MESHES
+    wants_leaves = species or library or flat or season != o.Season.summer
+    if output.suffix.lower() in DECODED and not is_mesh and (wants_leaves or hulls or lod < 1.0):
+        terminal.note(f"a {output.suffix.lower()} file holds branches only: options for leaves are left out")
+    elif is_mesh and hulls and wants_leaves:
+        terminal.note("--hulls: there are no leaves, so that options for them are left out")
+    elif is_mesh and not hulls:
         check_free([output], force=force)
         dressed = dress_for(terminal, loaded, species, library, season, lod, seed, detail.value)
     path = write_tree(
@@ -96,11 +102,16 @@ def dress_for(
     detail: str = "normal",
 ) -> Dressed | None:
     """The tree with the leaves that the options ask for; None for one of no species."""
-    from sapwood.dressing import dress, find_kind
+    from sapwood.dressing import dress, find_kind, open_library
 
+    if library is not None:
+        for fault in open_library(library).faults:
+            terminal.notice(f"left out: {fault}")
     kind = find_kind(tree, species, library)
     if kind is None:
         if tree.species is not None:
             terminal.note(f"there is no species {tree.species!r} in the library; its clusters stay hulls")
+        elif tree.clusters:
+            terminal.note("the tree says no species, so its clusters stay hulls; name one with --species")
         return None
     return dress(tree, kind, lod=lod, season=season.value, seed=seed, detail=detail)

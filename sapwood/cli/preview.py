@@ -43,6 +43,7 @@ def preview(
               sapwood preview out/oak.lobes -o oak.gif --turntable
     """
     from sapwood.outputs import check_free
+    from sapwood.trees import keep_thickest
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     check_free([output], force=force)
@@ -55,6 +56,8 @@ def preview(
         tree, points = _load(terminal, source, scan, species, library)
         dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
         look["parts"] = None if dressed is None else dressed.parts()
+        if dressed is None:
+            tree = keep_thickest(tree, lod)
         if turntable:
             drawn = _draw(output, force, "turntable", tree, frames=frames, **look)
         else:

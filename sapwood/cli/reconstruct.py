@@ -131,6 +131,7 @@ def run(
     wanted = {"preview": saving["preview"], "turntable": saving["turntable"]}
     files = [folder / file for name in scan_of for file in output_names(name, **wanted)]
     check_free(files, force=saving["force"])
+    _prepare_leaves(terminal, reading, saving)
     outcomes: list[Outcome] = []
     if scan_of:
         terminal.warn_of_compiling()
@@ -181,6 +182,18 @@ def _check_options(reading: dict[str, Any]) -> None:
     known_species(reading["species"], reading["library"])
     skipped = ("species", "library", *READ_OPTIONS)
     make_settings(**{key: value for key, value in reading.items() if key not in skipped})
+
+
+def _prepare_leaves(terminal: Terminal, reading: dict[str, Any], saving: dict[str, Any]) -> None:
+    """Derive the species, unless that is kept: what is wrong with it is said before any scan is read."""
+    from sapwood.dressing import open_library
+
+    if reading["species"] is None or not saving.get("leaves", False):
+        return
+    library = open_library(reading["library"])
+    for fault in library.faults:
+        terminal.notice(f"left out: {fault}")
+    library.load(reading["species"])
 
 
 def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Generator[Outcome, None, None]:

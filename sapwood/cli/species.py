@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sapwood.cli import options as o
 from sapwood.cli.terminal import Terminal
 
-Definition = Annotated[Path, o.argument("X.toml", "The species' definition.")]
+if TYPE_CHECKING:
+    from species.library import Definition, Species
+
+DefinitionFile = Annotated[Path, o.argument("X.toml", "The species' definition.")]
 Name = Annotated[str, o.argument("NAME", "Any of its names.")]
 Where = Annotated[
     Path | None,
@@ -38,36 +40,40 @@ def species_list(
               sapwood species list --library my-species --json
     """
     from sapwood.dressing import open_library
+    from species.library.catalog import BUILTIN
+    from treegraph.errors import InputError
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     found = open_library(library)
-    for fault in found.faults:
+    rows, faults = [], found.faults
+    with terminal.progress(len(found.names), "species") as bar:
+        for name in found.names:
+            bar.say(name)
+            try:
+                rows.append(_row(found.load(name), found.path(name).parent == BUILTIN))
+            except InputError as error:
+                faults.append(str(error))
+            bar.advance()
+    for row in rows:
+        kind = f"{row['leaf']} leaves"
+        terminal.result(f"{row['name']:20}  {row['latin']:26}  {kind:17}  {row['bytes'] / 1000:4.0f} kB")
+    for fault in faults:
         terminal.note(f"left out: {fault}")
-    rows = []
-    for name in found.names:
-        species = found.load(name)
-        known = species.definition
-        rows.append(
-            {
-                "name": name,
-                "latin": known.latin,
-                "bytes": species.n_bytes,
-                "branchlets": len(species.branchlets),
-                "patches": len(species.patches),
-                "leaf": known.leaf.kind,
-                "builtin": os.path.dirname(found.path(name)) == str(_builtin()),
-            }
-        )
-        kind = f"{known.leaf.kind} leaves"
-        terminal.result(f"{name:20}  {known.latin:26}  {kind:17}  {species.n_bytes / 1000:4.0f} kB")
-    terminal.json("species list", species=rows, faults=found.faults)
+    terminal.json("species list", species=rows, faults=faults)
     return 0
 
 
-def _builtin() -> Path:
-    from species.library.catalog import BUILTIN
-
-    return BUILTIN
+def _row(species: Species, builtin: bool) -> dict[str, Any]:
+    """What the list says of a species."""
+    return {
+        "name": species.name,
+        "latin": species.definition.latin,
+        "bytes": species.n_bytes,
+        "branchlets": len(species.branchlets),
+        "patches": len(species.patches),
+        "leaf": species.definition.leaf.kind,
+        "builtin": builtin,
+    }
 
 
 def species_show(
@@ -108,7 +114,7 @@ def species_show(
 
 
 def species_build(
-    definition: Definition,
+    definition: DefinitionFile,
     output: Where = None,
     no_sheet: NoSheet = False,
     renderer: o.RendererOption = o.Renderer.auto,
@@ -133,18 +139,21 @@ def species_build(
     from treegraph.errors import FormatError, InputError
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
+    if definition.suffix != ".toml":
+        raise InputError(f"{definition}: the name of a species' definition must end in .toml.")
     known = read_definition(definition)
     target = (definition.parent if output is None else output) / definition.name
     twigs, sheet = target.with_suffix(DERIVED), target.with_suffix(".png")
     moved = output is not None and target.resolve() != definition.resolve()
     check_free([twigs] + [sheet] * (not no_sheet) + [target] * moved, force=force)
+    _check_name(known, target)
     terminal.warn_of_compiling()
-    try:
-        data = build_species(known)
-    except (InputError, FormatError) as error:
-        raise InputError(f"{definition}: {error}") from error
-    species = open_species(known, data)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    with terminal.progress(None, f"{known.name}: deriving"):
+        try:
+            data = build_species(known)
+            species = open_species(known, data)
+        except (InputError, FormatError) as error:
+            raise InputError(f"{definition}: {error}") from error
     write_whole(twigs, lambda path: path.write_bytes(data), force=force)
     files = [twigs]
     if moved:
@@ -161,7 +170,19 @@ def species_build(
     return 0
 
 
-def _draw(terminal: Terminal, species: Any, path: Path, renderer: str, force: bool) -> None:
+def _check_name(known: Definition, target: Path) -> None:
+    """A library has one species of a name."""
+    from species.library import Library
+    from treegraph.errors import InputError
+
+    if not target.parent.is_dir():
+        return
+    holder = Library((target.parent,)).holder(known.name)
+    if holder is not None and holder.name != target.name:
+        raise InputError(f"{target}: {holder.name} there has the name {known.name!r} already; take another.")
+
+
+def _draw(terminal: Terminal, species: Species, path: Path, renderer: str, force: bool) -> None:
     from sapwood.outputs import write_whole
     from sapwood.species_pages import draw_species
 
