@@ -404,12 +404,12 @@ def test_two_processes_at_once_get_the_same(mine, small_pictures):
     [
         ({"SAPWOOD_CACHE": "/a/b"}, "/a/b"),
         ({"SAPWOOD_CACHE": "/a/b", "XDG_CACHE_HOME": "/x"}, "/a/b"),
-        ({"SAPWOOD_CACHE": "~/c"}, "/home/me/c"),
-        ({"SAPWOOD_CACHE": ""}, "/home/me/.cache/sapwood"),
+        ({"SAPWOOD_CACHE": "~/c"}, "/h/me/c"),
+        ({"SAPWOOD_CACHE": ""}, "/h/me/.cache/sapwood"),
         ({"XDG_CACHE_HOME": "/x"}, "/x/sapwood"),
-        ({"XDG_CACHE_HOME": "x/y"}, "/home/me/.cache/sapwood"),  # the standard: relative ones are ignored
-        ({"XDG_CACHE_HOME": ""}, "/home/me/.cache/sapwood"),
-        ({}, "/home/me/.cache/sapwood"),
+        ({"XDG_CACHE_HOME": "x/y"}, "/h/me/.cache/sapwood"),  # the standard: relative ones are ignored
+        ({"XDG_CACHE_HOME": ""}, "/h/me/.cache/sapwood"),
+        ({}, "/h/me/.cache/sapwood"),
         ({"HOME": "somewhere"}, "/tmp/t/sapwood"),
     ],
 )
@@ -417,7 +417,7 @@ def test_where_derived_files_are_kept(monkeypatch, variables, place):
     for name in ("SAPWOOD_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(catalog.tempfile, "gettempdir", lambda: "/tmp/t")
-    for name, value in {"HOME": "/home/me", **variables}.items():
+    for name, value in {"HOME": "/h/me", **variables}.items():
         monkeypatch.setenv(name, value)
     assert str(catalog.cache_folder()) == place
 
