@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from sapwood.dressing import Dressed
     from treegraph import ClusterTree
 
-__all__ = ["DECODED", "MESHES", "is_lobes", "keep_thickest", "read_tree", "write_tree"]
+__all__ = ["DECODED", "MESHES", "blame", "is_lobes", "keep_thickest", "read_tree", "write_tree"]
 
 DECODED = (".glb", ".obj", ".ply", ".swc", ".csv")
 """What a tree can be decoded to, by the suffix of the file."""
@@ -78,6 +80,15 @@ def keep_thickest(tree: ClusterTree, share: float) -> ClusterTree:
         return tree
     hulls = tuple(replace(cluster, seed=np.empty(0, np.int32)) for cluster in tree.clusters)
     return tree.replace(graph=render.thickest_edges(tree.graph, share)[0], clusters=hulls)
+
+
+@contextmanager
+def blame(path: str | os.PathLike[str]) -> Iterator[None]:
+    """A tree that cannot be made a mesh of, for want of radii, is the file's fault."""
+    try:
+        yield
+    except TreeError as error:
+        raise InputError(f"{os.fspath(path)}: {error}") from error
 
 
 def write_tree(

@@ -66,7 +66,7 @@ def decode(
     A tree of known species bears its leaves; a .glb then holds each twig once, and where it is put.
     """
     from sapwood.outputs import check_free
-    from sapwood.trees import DECODED, MESHES, read_tree, write_tree
+    from sapwood.trees import DECODED, MESHES, blame, read_tree, write_tree
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     loaded = read_tree(tree)
@@ -79,10 +79,12 @@ def decode(
         terminal.note("--hulls: there are no leaves, so that options for them are left out")
     elif is_mesh and not hulls:
         check_free([output], force=force)
-        dressed = dress_for(terminal, loaded, species, library, season, lod, seed, detail.value)
-    path = write_tree(
-        loaded, output, detail=detail.value, local=local, force=force, dressed=dressed, flat=flat, lod=lod
-    )
+        with blame(tree):
+            dressed = dress_for(terminal, loaded, species, library, season, lod, seed, detail.value)
+    with blame(tree):
+        path = write_tree(
+            loaded, output, detail=detail.value, local=local, force=force, dressed=dressed, flat=flat, lod=lod
+        )
     size = path.stat().st_size
     leaves = None if dressed is None else dressed.figures()
     said = "" if leaves is None else f", {leaves['species']}, {leaves['leaf_area_m2']:.1f} m2 of leaves"

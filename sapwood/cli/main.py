@@ -124,9 +124,9 @@ def _explain(terminal: Terminal, program: str, arguments: Sequence[str], error: 
 
 
 def _command_of(program: str, arguments: Sequence[str]) -> str | None:
-    """The command that is meant: of one word or, in a group, of two."""
+    """The command that is meant: of one word or, in a group, of two; else the group."""
     words = (" ".join(arguments[:n]) for n in (2, 1) if program == "sapwood")
-    return next((word for word in words if word in COMMANDS), None)
+    return next((word for word in words if word in COMMANDS or word in GROUPS), None)
 
 
 def _is_usage(error: Exception) -> bool:

@@ -43,7 +43,7 @@ def preview(
               sapwood preview out/oak.lobes -o oak.gif --turntable
     """
     from sapwood.outputs import check_free
-    from sapwood.trees import keep_thickest
+    from sapwood.trees import blame, keep_thickest
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     check_free([output], force=force)
@@ -52,7 +52,7 @@ def preview(
     look: dict[str, Any] = {"renderer": renderer.value}
     if size is not None:
         look["size"] = o.parse_size(size)
-    with terminal.progress(None, f"{source}: drawing"):
+    with terminal.progress(None, f"{source}: drawing"), blame(source):
         tree, points = _load(terminal, source, scan, species, library)
         dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
         look["parts"] = None if dressed is None else dressed.parts()
