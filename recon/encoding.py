@@ -44,6 +44,8 @@ GUESSED_NOTE = "no wood stands out: the stem is a guess from the foot to the mid
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
+SHRUB_SHARE = 0.008  # ... and it is a leafy shrub, whose foot is no stem
+SHRUB_SPREAD = 0.04  # of the height: what is wider near the foot, among leaves, is no stem
 ABSORB_ROUNDS = 2
 DEFAULT_BETA = 2.5  # of trees of no known species: only gaps feel it, and short ones are best
 LEAFLESS_TURN = np.radians(18.0)  # chains that turn less at their median node show no leaves ...
@@ -249,6 +251,9 @@ def encode_with_report(
             skeleton, f_s, group = _hang_leaves(xyz, skeleton, settings, allometry.f_s)
         else:
             skeleton, f_s, group = _split_off_leaves(xyz, skeleton, gamma, settings, allometry.f_s)
+        has_stem = prepared.stem_spread is not None
+        if f_s < LEAFLESS_F_S and _is_shrub(xyz, prepared):
+            skeleton, has_stem = _thin_shrub(xyz, skeleton), False
         guessed = _is_bare_foot(xyz, skeleton) and f_s < LEAFLESS_F_S
         if guessed:
             skeleton = guessed_stem(xyz, skeleton)
@@ -256,7 +261,7 @@ def encode_with_report(
         skeleton = skeleton if guessed else polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
         skeleton = replace(skeleton, radius=radius)
-        dbh = breast_height(xyz, skeleton, measured, prepared.stem_spread is not None)
+        dbh = breast_height(xyz, skeleton, measured, has_stem)
         radius = hold_breast_height(skeleton, radius, dbh)
     with clock("hulls"):
         clusters: tuple[Cluster, ...] = ()
@@ -280,6 +285,19 @@ def encode_with_report(
     if guessed:
         report = replace(report, notes=(*report.notes, GUESSED_NOTE))
     return Encoding(tree, report, cloud)
+
+
+def _is_shrub(xyz: np.ndarray, prepared: Prepared) -> bool:
+    """Whether what stands at the foot is too wide for a stem, so that it is leaves and twigs."""
+    spread = prepared.stem_spread
+    return spread is not None and spread > SHRUB_SPREAD * float(np.ptp(xyz[:, 2]))
+
+
+def _thin_shrub(xyz: np.ndarray, skeleton: Skeleton) -> Skeleton:
+    """Narrower limits for the wood of a leafy shrub."""
+    size = float(np.linalg.norm(np.ptp(xyz, axis=0)))
+    thickest = min(skeleton.thickest, max(SHRUB_SHARE * size, THICKEST_MARGIN))
+    return replace(skeleton, thickest=thickest, radius=np.minimum(skeleton.radius, thickest))
 
 
 def _is_bare_foot(xyz: np.ndarray, skeleton: Skeleton) -> bool:

@@ -77,9 +77,14 @@ def draw_species(
 
 
 def draw_branchlet(
-    species: Species, branchlet: Branchlet, *, season: str = "summer", renderer: str = "auto"
+    species: Species,
+    branchlet: Branchlet,
+    *,
+    season: str = "summer",
+    renderer: str = "auto",
+    side: int = SIDE,
 ) -> NDArray[np.uint8]:
-    """Draw a whole branchlet as it hangs on the tree, setting off to the right.
+    """Draw a whole branchlet as it hangs on the tree, setting off to the right; `side` pixels wide and high.
 
     Returns
     -------
@@ -96,7 +101,7 @@ def draw_branchlet(
     if not species.definition.is_bare(season):
         parts.append(render.Part("leaves", blade_mesh(branchlet.leaves, blade_of(species)), leaf))
     tree = ClusterTree(branchlet.graph, (), None, DEFAULT_ALLOMETRY, np.zeros(3))
-    drawn = render.preview(tree, size=(SIDE, SIDE), azimuth=0.0, parts=parts, renderer=renderer)
+    drawn = render.preview(tree, size=(side, side), azimuth=0.0, parts=parts, renderer=renderer)
     return drawn.image
 
 

@@ -171,3 +171,13 @@ def test_budget_of_nodes(rng, max_nodes):
         encode(forked_tree(rng), settings=EncodeSettings(f_s=1.0, max_nodes=max_nodes)).graph.n_nodes
         <= max_nodes
     )
+
+
+def test_a_leafy_foot_is_no_stem():
+    rng = np.random.default_rng(5)
+    turn, height = rng.uniform(0, 2 * np.pi, 6000), 3.0 * rng.random(6000)
+    out = (0.55 + 0.25 * rng.random(6000)) * np.sqrt(1.0 - (height / 3.6) ** 2)
+    shrub = np.column_stack([out * np.cos(turn), out * np.sin(turn), height])
+    made = encode_with_report(shrub, settings=EncodeSettings(f_s=0.97))
+    assert 0.0 < made.tree.graph.radius.max() <= 0.03 + 1e-9
+    assert made.report.dbh_m is None and made.report.dbh_reason
