@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sapwood._version import __version__
 
 if TYPE_CHECKING:
+    from sapwood.classifying import features_of
     from sapwood.cylinders import cylinder_table
     from sapwood.measures import Measures
     from sapwood.pipeline import Reconstruction, reconstruct
@@ -23,6 +24,7 @@ _LAZY = {
     "Measures": "sapwood.measures",
     "Reconstruction": "sapwood.pipeline",
     "cylinder_table": "sapwood.cylinders",
+    "features_of": "sapwood.classifying",
     "read_lobes": "treegraph",
     "reconstruct": "sapwood.pipeline",
     "scene_of": "sapwood.scanning",
@@ -35,6 +37,7 @@ __all__ = [
     "Reconstruction",
     "__version__",
     "cylinder_table",
+    "features_of",
     "read_lobes",
     "reconstruct",
     "scene_of",

@@ -1,4 +1,4 @@
-"""Write what is generated anew: docs/commands.md, the README's pictures and the output of its examples."""
+"""Write what is generated anew: the pages of docs, the README's pictures and the output of its examples."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-STEPS = ["docs/make_commands.py", "tools/make_pictures.py", "tools/examples.py"]
+STEPS = ["docs/make_commands.py", "docs/make_features.py", "tools/make_pictures.py", "tools/examples.py"]
 
 
 def main() -> int:
