@@ -135,7 +135,7 @@ def test_leaf_area_is_what_is_drawn_at_every_level(request, kind, share):
 
 def test_fewer_faces_at_a_lower_level(rowan):
     faces = [sum(mesh.n_faces for mesh in species_foliage(rowan, share=s).meshes) for s in (1.0, 0.5, 0.1)]
-    assert faces[2] < faces[1] < faces[0]  # by how much on a tree: tests/sapwood/test_dressing.py
+    assert faces[2] < faces[1] < faces[0]  # by how much on a tree: tests/sapwood/test_dressed_trees.py
 
 
 def test_in_winter_there_are_only_twigs(rowan, holly):

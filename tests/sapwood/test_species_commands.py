@@ -388,7 +388,7 @@ def test_lower_levels_are_smaller_and_as_leafy(run, pine):
         assert said["lod"] == lod
         size.append(said["bytes"])
         area.append(said["leaves"]["leaf_area_m2"])
-    assert size[1] < 0.8 * size[0]  # its twigs are small; of a species that comes along: test_dressing.py
+    assert size[1] < 0.8 * size[0]  # its twigs are small; of a species that comes along: test_dressed_trees.py
     assert area == pytest.approx([area[0]] * 2, rel=0.01)
 
 
