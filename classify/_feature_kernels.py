@@ -6,6 +6,7 @@ from numba import njit
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 N_MOMENTS = 10  # points, x, y, z, xx, xy, xz, yy, yz, zz
+SINGLE = 1e-7  # product of the distances to the other two eigenvalues, which have errors of 1e-8
 N_SHAPE = 11  # points, linearity, planarity, scattering, size, long axis (3), short axis (3)
 
 
@@ -170,7 +171,10 @@ def neighbour_sums(cell, moments, stride_x, stride_y):
 
 @_jit
 def _axis_of(a, b, c, d, e, f, value, out):
-    """Unit eigenvector of the symmetric [[a, b, c], [b, d, e], [c, e, f]] for a single eigenvalue."""
+    """Unit eigenvector of the symmetric [[a, b, c], [b, d, e], [c, e, f]] of trace 1 for a single eigenvalue.
+
+    NaN if it is not single: any vector of a plane would do.
+    """
     best = -1.0
     for pair in range(3):
         if pair == 0:
@@ -185,7 +189,7 @@ def _axis_of(a, b, c, d, e, f, value, out):
             best = length
             if length > 0.0:
                 out[0], out[1], out[2] = x / length, y / length, z / length
-    if not best > 0.0:
+    if not best > SINGLE:
         out[0], out[1], out[2] = np.nan, np.nan, np.nan
 
 
