@@ -9,6 +9,7 @@ import trimesh
 from PIL import Image
 
 import treegraph
+from sapwood import species_pages
 from species.library import building, builtin_library, catalog
 from species.library.packing import unpack_species
 from tests.corpus import realistic_cluster_tree, realistic_tree
@@ -20,6 +21,7 @@ from treegraph import ClusterTree
 def library(tmp_path, monkeypatch):
     """A small library in the place of the one that comes along, a folder of one's own, a cache."""
     monkeypatch.setattr(building, "PICTURE_SIDE", 32)
+    monkeypatch.setattr(species_pages, "SHOWN", 2)
     monkeypatch.setattr(catalog, "BUILTIN", tmp_path / "builtin")
     monkeypatch.setenv("SAPWOOD_CACHE", str(tmp_path / "cache"))
     add(tmp_path / "builtin", "oak", name="Oak", latin="Quercus robur", also=["English oak"])
@@ -159,7 +161,7 @@ def test_show_draws_the_species(run, tmp_path):
     assert done.code == 0 and done.json["output"] == "oak.png"
     with Image.open(tmp_path / "oak.png") as image:
         assert image.format == "PNG"
-        check_sheet(np.asarray(image.convert("RGB")), n_pictures=8)
+        check_sheet(np.asarray(image.convert("RGB")), n_pictures=6)
     again = run("sapwood", "species", "show", "oak", "-o", "oak.png")
     assert again.code == 2 and "oak.png: the file exists already" in again.error
 
@@ -219,7 +221,7 @@ def test_build_writes_beside_the_definition(run, mine):
         f"{mine / 'rowan.twigs'}, {mine / 'rowan.png'}\n"
     )
     with Image.open(mine / "rowan.png") as image:
-        check_sheet(np.asarray(image.convert("RGB")), n_pictures=8)
+        check_sheet(np.asarray(image.convert("RGB")), n_pictures=6)
     assert len(unpack_species((mine / "rowan.twigs").read_bytes()).branchlets) == 4
 
 
@@ -388,7 +390,7 @@ def test_lower_levels_are_smaller_and_as_leafy(run, pine):
         assert said["lod"] == lod
         size.append(said["bytes"])
         area.append(said["leaves"]["leaf_area_m2"])
-    assert size[1] < 0.8 * size[0]  # its twigs are small; of a species that comes along: test_dressed_trees.py
+    assert size[1] < 0.8 * size[0]  # of a real species: test_dressed_trees.py
     assert area == pytest.approx([area[0]] * 2, rel=0.01)
 
 
