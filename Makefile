@@ -5,7 +5,7 @@ PYTHON ?=
 export PYTHON
 
 BIN := .venv/bin
-PACKAGES := treegraph recon classify species plastic render sapwood
+PACKAGES := treegraph recon classify species inverse plastic render sapwood
 OUT ?= demo-output
 ARGS ?=
 

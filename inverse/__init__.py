@@ -1,0 +1,91 @@
+"""From a tree to the numbers that grow its like: how unlike two trees are.
+
+Names are imported when they are first used, so that ``import inverse`` stays cheap.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inverse.comparing import differences, minkowski_mean
+    from inverse.constrained import constrained_edit_distance
+    from inverse.distance import (
+        EQUAL_WEIGHTS,
+        Comparison,
+        Description,
+        Weights,
+        compare_trees,
+        describe_tree,
+    )
+    from inverse.geometry import (
+        GEOMETRIC_DESCRIPTORS,
+        geometric_descriptors,
+        geometric_differences,
+        geometric_distance,
+        piece_properties,
+    )
+    from inverse.pieces import Pieces, cut_into_pieces
+    from inverse.shape import SHAPE_DESCRIPTORS, shape_descriptors, shape_differences, shape_distance
+    from inverse.structure import Mapping, map_pieces, structural_distance
+
+_LAZY = {
+    "EQUAL_WEIGHTS": "distance",
+    "GEOMETRIC_DESCRIPTORS": "geometry",
+    "SHAPE_DESCRIPTORS": "shape",
+    "Comparison": "distance",
+    "Description": "distance",
+    "Mapping": "structure",
+    "Pieces": "pieces",
+    "Weights": "distance",
+    "compare_trees": "distance",
+    "constrained_edit_distance": "constrained",
+    "cut_into_pieces": "pieces",
+    "describe_tree": "distance",
+    "differences": "comparing",
+    "geometric_descriptors": "geometry",
+    "geometric_differences": "geometry",
+    "geometric_distance": "geometry",
+    "map_pieces": "structure",
+    "minkowski_mean": "comparing",
+    "piece_properties": "geometry",
+    "shape_descriptors": "shape",
+    "shape_differences": "shape",
+    "shape_distance": "shape",
+    "structural_distance": "structure",
+}
+
+__all__ = [
+    "EQUAL_WEIGHTS",
+    "GEOMETRIC_DESCRIPTORS",
+    "SHAPE_DESCRIPTORS",
+    "Comparison",
+    "Description",
+    "Mapping",
+    "Pieces",
+    "Weights",
+    "compare_trees",
+    "constrained_edit_distance",
+    "cut_into_pieces",
+    "describe_tree",
+    "differences",
+    "geometric_descriptors",
+    "geometric_differences",
+    "geometric_distance",
+    "map_pieces",
+    "minkowski_mean",
+    "piece_properties",
+    "shape_descriptors",
+    "shape_differences",
+    "shape_distance",
+    "structural_distance",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(f"inverse.{_LAZY[name]}"), name)
+    raise AttributeError(f"module 'inverse' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
