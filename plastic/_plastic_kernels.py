@@ -94,17 +94,22 @@ class Work(NamedTuple):
     dirty: np.ndarray  # (n,) bool: worked out anew in this run
     death: np.ndarray  # (n,) int32: event, or ALIVE
     cause: np.ndarray  # (n,) uint8
-    center: np.ndarray  # (s, 3) as the light sees it
+    offset: np.ndarray  # (s, 3) mean of its living seats
+    center: np.ndarray  # (s, 3) where it is
+    local: np.ndarray  # (s, 3) where it is against the other clusters of its group
     living: np.ndarray  # (s,) int32 seats that live
     translucency: np.ndarray  # (s,)
-    changed: np.ndarray  # (s,) bool: another cluster than in the last run
-    former: np.ndarray  # (s, 3) where a changed one was
+    changed: np.ndarray  # (s,) bool: for its own tree another cluster than in the last run
+    moved: np.ndarray  # (s,) bool: for other trees and obstacles too
+    former: np.ndarray  # (s, 3) `local` of a changed one as it was
     amount: np.ndarray  # (s,)
     shift: np.ndarray  # (s, 3) change of the light's direction
     shifted: np.ndarray  # (s,) bool: it is not that of the last run
     lit: np.ndarray  # (s,) bool: an obstacle took light from it
-    passed: np.ndarray  # (s, cells) float32, kept if it has rows
+    passed: np.ndarray  # (s, cells) float32: what its own tree lets through; kept if it has rows
     around: np.ndarray  # (s,)
+    beyond: np.ndarray  # (s, cells) float32: what the other trees let through; no rows for a single tree
+    outside: np.ndarray  # (s,)
     gathered: np.ndarray  # (n,) scratch
     carried: np.ndarray  # (n,) scratch
     affected: np.ndarray  # (k,) bool: something of the tree is not as it came in
@@ -205,6 +210,8 @@ def _grow_segment(i, p, parent_turned, gx, gy, gz, rest, lean, heading, length, 
             p3 * hx + p4 * hy + p5 * hz,
             p6 * hx + p7 * hy + p8 * hz,
         )
+        inverse = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)  # or errors would double with every segment
+        hx, hy, hz = hx * inverse, hy * inverse, hz * inverse
     bx, by, bz = rx + lean[i, 0] + gx, ry + lean[i, 1] + gy, rz + lean[i, 2] + gz
     size2 = bx * bx + by * by + bz * bz
     if size2 > 1e-18:
@@ -314,18 +321,29 @@ def bend(plan, work, solids, rules, tree, season, event):
 
 
 @_jit
+def _to_grain(value, grain):
+    """The nearest multiple."""
+    return grain * math.floor(value / grain + 0.5)
+
+
+@_jit
 def place(plan, work, tree, group):
-    """Offset, living seats and translucency (Eq. 4.14) of a tree's clusters of a season."""
-    seat_first, seat, before, home = plan.seat_first, plan.seat, plan.position, plan.center
-    position, turned, death, center = work.position, work.turned, work.death, work.center
-    affected = work.affected[tree]
-    for s in range(plan.site_first[tree, group], plan.site_first[tree, group + 1]):
-        seats = seat_first[s + 1] - seat_first[s]
-        count = seats
-        cx, cy, cz = home[s, 0], home[s, 1], home[s, 2]
+    """Offset, living seats and translucency (Eq. 4.14) of a tree's clusters of a season.
+
+    Offsets are in steps: those in space, and those against what all clusters have moved on average.
+    """
+    seat_first, seat, before, home, radius = plan.seat_first, plan.seat, plan.position, plan.center, plan.radius
+    position, turned, death, offset = work.position, work.turned, work.death, work.offset
+    center, local, former, living = work.center, work.local, work.former, work.living
+    changed, moved, translucency, affected = work.changed, work.moved, work.translucency, work.affected[tree]
+    a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
+    mx, my, mz = 0.0, 0.0, 0.0
+    n = 0
+    for s in range(a, b):
+        count = seat_first[s + 1] - seat_first[s]
+        x, y, z = 0.0, 0.0, 0.0
         if affected:
             count = 0
-            x, y, z = 0.0, 0.0, 0.0
             for k in range(seat_first[s], seat_first[s + 1]):
                 i = seat[k]
                 if death[i] != ALIVE:
@@ -335,47 +353,71 @@ def place(plan, work, tree, group):
                     x += position[i, 0] - before[i, 0]
                     y += position[i, 1] - before[i, 1]
                     z += position[i, 2] - before[i, 2]
-            if count > 0 and plan.radius[s] > 0.0:
-                grain = GRAIN * plan.radius[s]
-                per_grain = 1.0 / (count * grain)
-                cx += grain * math.floor(x * per_grain + 0.5)
-                cy += grain * math.floor(y * per_grain + 0.5)
-                cz += grain * math.floor(z * per_grain + 0.5)
-        same = work.living[s] == count and center[s, 0] == cx and center[s, 1] == cy and center[s, 2] == cz
-        work.changed[s] = not same
-        if not same:
-            work.former[s, 0], work.former[s, 1], work.former[s, 2] = center[s, 0], center[s, 1], center[s, 2]
-            work.living[s] = count
-            center[s, 0], center[s, 1], center[s, 2] = cx, cy, cz
-            work.translucency[s] = plan.translucency[s]
-            if count < seats:
-                work.translucency[s] = plan.translucency[s] ** (count / seats)
+        changed[s] = living[s] != count
+        if changed[s]:
+            seats = seat_first[s + 1] - seat_first[s]
+            living[s] = count
+            share = count / seats
+            translucency[s] = plan.translucency[s] if count == seats else plan.translucency[s] ** share
+        if count > 0:
+            x, y, z = x / count, y / count, z / count
+            mx, my, mz = mx + x, my + y, mz + z
+            n += 1
+        offset[s, 0], offset[s, 1], offset[s, 2] = x, y, z
+    if n > 0:
+        mx, my, mz = mx / n, my / n, mz / n
+    for s in range(a, b):
+        x, y, z = home[s, 0], home[s, 1], home[s, 2]
+        cx, cy, cz = x, y, z
+        if affected and living[s] > 0:
+            grain = GRAIN * radius[s]
+            x += _to_grain(offset[s, 0] - mx, grain)
+            y += _to_grain(offset[s, 1] - my, grain)
+            z += _to_grain(offset[s, 2] - mz, grain)
+            cx += _to_grain(offset[s, 0], grain)
+            cy += _to_grain(offset[s, 1], grain)
+            cz += _to_grain(offset[s, 2], grain)
+        moved[s] = changed[s] or not (center[s, 0] == cx and center[s, 1] == cy and center[s, 2] == cz)
+        former[s, 0], former[s, 1], former[s, 2] = local[s, 0], local[s, 1], local[s, 2]
+        changed[s] = changed[s] or not (local[s, 0] == x and local[s, 1] == y and local[s, 2] == z)
+        local[s, 0], local[s, 1], local[s, 2] = x, y, z
+        center[s, 0], center[s, 1], center[s, 2] = cx, cy, cz
 
 
 @_jit
-def _shading_sites(plan, work, events, event, tree, out, new):
-    """Clusters that shade those of a tree, its own and its neighbours', and those that are not as before.
-
-    At the end of an event; before the first one there are none. Returns how many of both.
-    """
+def _own_sites(plan, work, tree, group, out, new):
+    """Clusters of a tree that shade each other, and those that are not as before; how many of both."""
     n = 0
     m = 0
-    if event < 0:
-        return n, m
     changed, living = work.changed, work.living
-    for k in range(-1, events.near_first[tree + 1] - events.near_first[tree]):
-        other = tree if k < 0 else events.near[events.near_first[tree] + k]
+    for s in range(plan.site_first[tree, group], plan.site_first[tree, group + 1]):
+        if changed[s]:
+            new[m] = s
+            m += 1
+        if living[s] > 0:
+            out[n] = s
+            n += 1
+    return n, m
+
+
+@_jit
+def _other_sites(plan, work, events, event, tree, out):
+    """Living clusters of other trees that shade those of a tree; how many, and whether any is new."""
+    n = 0
+    new = False
+    if event < 0:
+        return n, new
+    for k in range(events.near_first[tree], events.near_first[tree + 1]):
+        other = events.near[k]
         group = events.group[event, other]
         if group < 1:
             continue
         for s in range(plan.site_first[other, group], plan.site_first[other, group + 1]):
-            if changed[s]:
-                new[m] = s
-                m += 1
-            if living[s] > 0:
+            new = new or work.moved[s]
+            if work.living[s] > 0:
                 out[n] = s
                 n += 1
-    return n, m
+    return n, new
 
 
 @_jit
@@ -469,6 +511,13 @@ def _copy(source, to):
 
 
 @_jit
+def _times(factor, to):
+    """Multiply row by element."""
+    for i in range(np.uint64(to.size)):
+        to[i] *= factor[i]
+
+
+@_jit
 def _read_light(s, weight, trans, around, base_amount, base_toward, amount, shift):
     """Amount and direction at a site, in steps from those of the analysis; whether the direction is new."""
     light, x, y, z = _weigh(weight, trans)
@@ -498,81 +547,176 @@ def _first_light(s, weight, trans, around, amount, shift):
 
 
 @_jit
+def _shade(
+    x,
+    y,
+    z,
+    own,
+    places,
+    sizes,
+    rank,
+    top,
+    mx,
+    my,
+    radius,
+    sin_blur,
+    cos_tent,
+    rise,
+    cells,
+    cap,
+    hit,
+    pair,
+    tile,
+    trans,
+):
+    """What leaf spheres let through at a point, into ``trans``; returns the factor of those around it."""
+    n_groups = top.size
+    around = 1.0
+    if n_groups > 0:
+        bar = z - rise * (math.hypot(x - mx, y - my) + radius)
+        while n_groups > 0 and top[n_groups - 1] < bar:
+            n_groups -= 1
+        own = rank[own] if own >= 0 else -1
+        m = n_groups * LANES
+        around = _shade_leaves(
+            x, y, z, m, own, places, sizes, sin_blur, cos_tent, cap, tile, hit, pair, cells
+        )
+    _take_light(cells, trans)
+    return around
+
+
+@_jit
 def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room):
     """Light at the clusters of a tree's group (group 0: at its foot), as far as it is not known already.
 
     ``seen`` (sites of the group, 4 N) float32 is what meshes let through per finer direction, or has no row.
     ``room`` is scratch, from :func:`make_room`.
     """
-    cells, finer, cap, hit, pair, trans, sites, fresh = room
     a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
-    row = event if group > 0 else event - 1
-    n_shading, n_new = _shading_sites(plan, work, events, row, tree, sites, fresh)
-    center, former, shifted, lit, arounds = work.center, work.former, work.shifted, work.lit, work.around
+    cells, finer, cap, hit, pair, trans, sites, fresh, others = room
+    n_own, n_new = 0, 0
+    if group > 0:
+        n_own, n_new = _own_sites(plan, work, tree, group, sites, fresh)
+    n_others, other_new = 0, False
+    any_other = work.beyond.shape[0] > 0
+    if any_other:
+        n_others, other_new = _other_sites(plan, work, events, event if group > 0 else event - 1, tree, others)
+    shifted, moved = work.shifted, work.moved
+    any_moved = False
     for s in range(a, b):
         shifted[s] = False
-    if n_new == 0 and not rules.reshade and not rules.relight:
+        any_moved = any_moved or (group > 0 and moved[s])
+    if n_new == 0 and not (other_new or any_moved or rules.reshade or rules.relight):
         return
+    center, local, lit = work.center, work.local, work.lit
     keep = work.passed.shape[0] > 0
     known = work.passed if keep else plan.passed
     planes, bounds, bright, fine, tile = solids.planes, solids.bounds, sky.bright, sky.fine, sky.grid[3]
     any_plane, any_mesh = planes.shape[0] > 0, seen.shape[0] > 0
-    blur, tent = sky.reach[0], sky.reach[1]
-    sin_blur, cos_tent, sin_tent = np.float32(math.sin(blur)), np.float32(math.cos(tent)), math.sin(tent)
+    balls, boxes, weight, amount, shift = solids.balls, solids.boxes, sky.weight, work.amount, work.shift
+    blur, tent, sin_tent = sky.reach[0], sky.reach[1], math.sin(sky.reach[1])
     rise = sin_tent / (1.0 - sin_tent)
-    n_sort = n_shading if rules.reshade or n_new > 0 else 0
-    packed = _pack_sites(sites, n_sort, center, plan.radius, work.translucency)
-    places, sizes, rank, top, mx, my, radius = _sort_leaves(n_sort, packed, sin_tent)
+    sin_blur, cos_tent = np.float32(math.sin(blur)), np.float32(math.cos(tent))
+    concern = 1.0 / (1.0 - sin_tent)
+    former, radius = work.former, plan.radius
+    arounds, outside, beyond_trees = work.around, work.outside, work.beyond
+    n_shaded, n_solid, n_weighed = 0, 0, 0
+    n = n_own if rules.reshade or n_new > 0 else 0
+    packed = _pack_sites(sites, n, local, radius, work.translucency)
+    places, sizes, rank, top, mx, my, span = _sort_leaves(n, packed, sin_tent)
+    n = n_others if rules.reshade or other_new or any_moved else 0
+    packed = _pack_sites(others, n, center, radius, work.translucency)
+    places2, sizes2, rank2, top2, mx2, my2, span2 = _sort_leaves(n, packed, sin_tent)
     at = 0
     for s in range(a, b):
         own = -1
-        if at < n_shading and sites[at] == s:
+        if at < n_own and sites[at] == s:
             own = at
             at += 1
         x, y, z = center[s, 0], center[s, 1], center[s, 2]
-        solid = any_plane or any_mesh or _can_shade(bounds, bright, x, y, z)
-        reshade = rules.reshade or (
-            n_new > 0
-            and _is_concerned(s, fresh, n_new, center, former, plan.radius, 1.0 / (1.0 - sin_tent), rise)
+        went = group > 0 and moved[s]
+        by_own = rules.reshade or (
+            n_new > 0 and _is_concerned(s, fresh, n_new, local, former, radius, concern, rise)
         )
-        if not (reshade or rules.reweigh or solid or lit[s]):
+        by_others = any_other and (rules.reshade or other_new or went)
+        solid = any_plane or any_mesh or _can_shade(bounds, bright, x, y, z)
+        by_solids = (rules.relight or went) and (solid or lit[s])
+        if not (by_own or by_others or by_solids or rules.reweigh):
             continue
         lit[s] = solid
-        if reshade:
-            n_groups = top.size
-            around = 1.0
-            if n_groups > 0:
-                bar = z - rise * (math.hypot(x - mx, y - my) + radius)
-                while n_groups > 0 and top[n_groups - 1] < bar:
-                    n_groups -= 1
-                own = rank[own] if own >= 0 else -1
-                m = n_groups * LANES
-                around = _shade_leaves(
-                    x, y, z, m, own, places, sizes, sin_blur, cos_tent, cap, tile, hit, pair, cells
-                )
-            arounds[s] = around
-            _take_light(cells, trans)
+        n_weighed += 1
+        if by_others:
+            outside[s] = _shade(
+                x,
+                y,
+                z,
+                -1,
+                places2,
+                sizes2,
+                rank2,
+                top2,
+                mx2,
+                my2,
+                span2,
+                sin_blur,
+                cos_tent,
+                rise,
+                cells,
+                cap,
+                hit,
+                pair,
+                tile,
+                beyond_trees[s],
+            )
+        if by_own:
+            n_shaded += 1
+            arounds[s] = _shade(
+                local[s, 0],
+                local[s, 1],
+                local[s, 2],
+                own,
+                places,
+                sizes,
+                rank,
+                top,
+                mx,
+                my,
+                span,
+                sin_blur,
+                cos_tent,
+                rise,
+                cells,
+                cap,
+                hit,
+                pair,
+                tile,
+                trans,
+            )
             if keep:
                 _copy(trans, known[s])
-            work.counts[0] += 1
         else:
             _copy(known[s], trans)
+        if any_other:
+            _times(beyond_trees[s], trans)
         if solid:
+            n_solid += 1
             finer[:] = np.float32(1.0)
             _shade_obstacles(
-                x, y, z, planes, solids.balls, solids.boxes, fine[0], fine[1], fine[2], blur, tent, finer
+                x, y, z, planes, balls, boxes, fine[0], fine[1], fine[2], blur, tent, finer
             )
             _see_past(finer, trans)
-            work.counts[1] += 1
         if any_mesh:
             _see_past(seen[s - a], trans)
+        around = arounds[s] * outside[s]
         if rules.first:
-            _first_light(s, sky.weight, trans, arounds[s], work.amount, work.shift)
+            _first_light(s, sky.weight, trans, around, work.amount, work.shift)
         else:
             shifted[s] = _read_light(
-                s, sky.weight, trans, arounds[s], plan.amount, plan.toward, work.amount, work.shift
+                s, weight, trans, around, plan.amount, plan.toward, amount, shift
             )
-        work.counts[2] += 1
+    work.counts[0] += n_shaded
+    work.counts[1] += n_solid
+    work.counts[2] += n_weighed
 
 
 @_jit
@@ -586,6 +730,7 @@ def make_room(sky, n_sites):
         np.empty(BATCH, np.uint32),
         np.empty(GROUP * BATCH + GROUP, np.uint16),
         _aligned_room(n_cells),
+        np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
     )
@@ -753,6 +898,7 @@ def reset(plan, work):
     work.dirty[:] = False
     work.cause[:] = 0
     work.center[:] = plan.center
+    work.local[:] = plan.center
     work.translucency[:] = plan.translucency
     work.amount[:] = plan.amount
     work.around[:] = plan.around

@@ -58,8 +58,9 @@ class Adapted:
     alive : (n,) bool
     cause : (n,) uint8
         What a dead node, or the branch that it hung on, died of: 1 too little light, 2 an obstacle; 0 lives.
-    light : (k,) float64
-        Light at the present clusters (of a tree without any: at the virtual ones), 0 to 1.
+    light, light_before : (k,) float64
+        Light at the present clusters (of a tree without any: at the virtual ones), here and where the tree
+        grew, 0 to 1.
     touched : bool
         Whether any node moved or died.
     placed : Neighbour or None
@@ -74,6 +75,7 @@ class Adapted:
     alive: NDArray[np.bool_]
     cause: NDArray[np.uint8]
     light: NDArray[np.float64]
+    light_before: NDArray[np.float64]
     touched: bool
     placed: Neighbour | None = field(default=None, repr=False)
     neighbours: tuple[Adapted, ...] = ()
@@ -86,6 +88,7 @@ class Adapted:
         death: NDArray[np.int32],
         cause: NDArray[np.uint8],
         light: NDArray[np.float64],
+        light_before: NDArray[np.float64],
         scene: Scene,
         touched: bool,
         placed: Neighbour | None = None,
@@ -96,7 +99,7 @@ class Adapted:
         n = len(position)
         out, alive, why = np.empty((n, 3)), np.empty(n, bool), np.empty(n, np.uint8)
         kernels.read_nodes(position, death, cause, state._plan.position, state._order, out, alive, why)
-        return cls(state, scene, out, alive, why, light.copy(), touched, placed)
+        return cls(state, scene, out, alive, why, light.copy(), light_before, touched, placed)
 
     def with_neighbours(self, neighbours: tuple[Adapted, ...]) -> Adapted:
         """The same with the trees around it."""
@@ -129,7 +132,7 @@ class Adapted:
         """
         if not self.state.has_leaves:
             return np.empty(0)
-        before = self.state.light[self.state.crown.first[-2] :]
+        before = self.light_before
         now = light_density(self.light)
         factor = np.divide(now, light_density(before), out=np.ones(len(now)), where=before > 0.0)
         return np.where(self._n_seats > 0, factor, 0.0)

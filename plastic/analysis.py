@@ -346,10 +346,10 @@ def no_solids() -> Any:
 
 
 def fresh_work(plan: Any, *, cells: int) -> Any:
-    """A tree as it came in; with `cells` > 0 what its clusters let through is kept."""
+    """Trees as they came in; with `cells` > 0 what their clusters let through is kept."""
     from plastic import _plastic_kernels as kernels
 
-    n, s = len(plan.parent), len(plan.radius)
+    n, s, k = len(plan.parent), len(plan.radius), plan.node_first.shape[0]
     rows = s if cells else 0
     known = rows and plan.passed.shape == (rows, cells)
     passed = plan.passed.copy() if known else np.zeros((rows, cells), np.float32)
@@ -361,10 +361,13 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
         dirty=np.zeros(n, bool),
         death=np.full(n, kernels.ALIVE, np.int32),
         cause=np.zeros(n, np.uint8),
+        offset=np.empty((s, 3)),
         center=plan.center.copy(),
+        local=plan.center.copy(),
         living=np.diff(plan.seat_first),
         translucency=plan.translucency.copy(),
         changed=np.zeros(s, bool),
+        moved=np.zeros(s, bool),
         former=plan.center.copy(),
         amount=plan.amount.copy(),
         shift=np.zeros((s, 3)),
@@ -372,11 +375,13 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
         lit=np.zeros(s, bool),
         passed=passed,
         around=plan.around.copy(),
+        beyond=np.ones((s if k > 1 else 0, cells), np.float32),
+        outside=np.ones(s),
         gathered=np.empty(n),
         carried=np.empty(n),
-        affected=np.zeros(plan.node_first.shape[0], bool),
-        fallen=np.zeros(plan.node_first.shape[0], bool),
-        buried=np.zeros(plan.node_first.shape[0], bool),
+        affected=np.zeros(k, bool),
+        fallen=np.zeros(k, bool),
+        buried=np.zeros(k, bool),
         counts=np.zeros(4, np.int64),
     )
 

@@ -194,7 +194,14 @@ def _run_alone(state: PlasticState, scene: Scene) -> Adapted:
         _check_feet(work, (Neighbour(state),))
     last = slice(int(state.crown.first[-2]), int(state.crown.first[-1]))
     adapted = Adapted.of_run(
-        state, work.position, work.death, work.cause, work.amount[last], scene, bool(work.affected[0])
+        state,
+        work.position,
+        work.death,
+        work.cause,
+        work.amount[last],
+        state.light[last],
+        scene,
+        bool(work.affected[0]),
     )
     if len(state._spare) < MOST_SPARE:
         state._spare.append(work)
@@ -446,6 +453,7 @@ def _result(stand: _Stand, work: Any, k: int, scene: Scene) -> Adapted:
         work.death[nodes],
         work.cause[nodes],
         work.amount[last],
+        stand.plan.amount[last],
         scene,
         bool(work.affected[k]),
         tree,
