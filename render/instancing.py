@@ -185,6 +185,7 @@ def decode_tree(
     foliage: Foliage,
     *,
     settings: MeshSettings | None = None,
+    keep: NDArray[np.integer] | None = None,
 ) -> DecodedTree:
     """Make a tree's branches, and sort its instances by patch.
 
@@ -197,6 +198,9 @@ def decode_tree(
     foliage : Foliage
     settings : MeshSettings, optional
         How finely the branches are meshed.
+    keep : (k,) int, optional
+        Nodes of the graph that are meshed at every level, with all that they grow from: those that bear
+        instances.
 
     Returns
     -------
@@ -218,7 +222,7 @@ def decode_tree(
             f"patch must be 0 to {n_patches - 1}, the rows of the foliage, but patch[{bad[0]}] is "
             f"{instances.patch[bad[0]]}; {bad.size} of {n} instances break this"
         )
-    thick, node = thickest_edges(graph, foliage.share)
+    thick, node = thickest_edges(graph, foliage.share, keep)
     wood = tile_bark(branch_mesh(thick, settings), foliage.bark)
     if len(node) < graph.n_nodes and wood.node is not None:
         wood.node[:] = node[wood.node]

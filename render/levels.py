@@ -52,7 +52,9 @@ def lod_leaves(leaf_area: int | NDArray[np.float64], share: float) -> tuple[int,
     return count, float(np.sqrt(area.sum() / kept))
 
 
-def thickest_edges(tree: TreeGraph, share: float) -> tuple[TreeGraph, NDArray[np.int64]]:
+def thickest_edges(
+    tree: TreeGraph, share: float, keep: NDArray[np.integer] | None = None
+) -> tuple[TreeGraph, NDArray[np.int64]]:
     """The thickest branches of a tree, connected to its roots.
 
     Parameters
@@ -61,6 +63,9 @@ def thickest_edges(tree: TreeGraph, share: float) -> tuple[TreeGraph, NDArray[np
         Every radius must be known.
     share : float
         Part of its edges (node to parent) that is kept, above 0 to 1.
+    keep : (k,) int, optional
+        Nodes that are kept in any case, with all that they grow from: what bears leaves must not float. They
+        count towards the share, and may be more.
 
     Returns
     -------
@@ -82,12 +87,24 @@ def thickest_edges(tree: TreeGraph, share: float) -> tuple[TreeGraph, NDArray[np
     share = check_share("share", share)
     root = tree.parent == NO_PARENT
     n_edges = int((~root).sum())
-    count = min(n_edges, int(np.ceil(share * n_edges * (1.0 - 1e-12))))
+    first = root if keep is None else root | _on_the_way(tree, keep)
+    count = min(n_edges, max(int(np.ceil(share * n_edges * (1.0 - 1e-12))), int((first & ~root).sum())))
     if count == n_edges:
         return tree, np.arange(tree.n_nodes)
-    order = np.lexsort((np.arange(tree.n_nodes), -_thickness(tree, root), ~root))  # roots first
+    order = np.lexsort((np.arange(tree.n_nodes), -_thickness(tree, root), ~first, ~root))  # roots first
     node = np.sort(order[: tree.n_nodes - n_edges + count])
     return take_nodes(tree, node), node
+
+
+def _on_the_way(tree: TreeGraph, nodes: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Whether each node is one of some, or between one of them and its root."""
+    marked = np.zeros(tree.n_nodes, bool)
+    marked[nodes] = True
+    on_the_way, parent = marked.tolist(), tree.parent.tolist()
+    for i in range(tree.n_nodes - 1, -1, -1):
+        if on_the_way[i] and parent[i] != NO_PARENT:
+            on_the_way[parent[i]] = True
+    return np.array(on_the_way)
 
 
 def _thickness(tree: TreeGraph, root: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -12,17 +12,19 @@ import numpy as np
 from treegraph.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from render import DecodedTree, Foliage, Part
     from species import PatchTable, Texture
     from species.library import Library, Species
-    from treegraph import ClusterTree
+    from treegraph import ClusterTree, TreeGraph
 
-__all__ = ["Dressed", "dress", "find_kind", "open_library"]
+__all__ = ["Dressed", "coarser", "dress", "find_kind", "open_library"]
 
 LEAF_STREAM = 3  # of the seed's random numbers: leaves do not change what else is drawn at random
 DECIMALS = 3
+COARSER = (0.5, 0.2)  # levels of detail below which branches are meshed a step more coarsely
+BEARER_STEP = 0.05  # metres between the points of branches among which those that bear twigs are found
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,7 @@ def dress(
         Of :func:`species.library.find_species`.
     lod : float, default 1
         Level of detail: part of the leaves and of the branches' edges that is kept, above 0 to 1. Leaf area
-        stays.
+        stays, and so do branches that lead to twigs; below 0.5 they are meshed more coarsely.
     season : str, default "summer"
         "spring", "summer", "autumn" or "winter".
     seed : int, default 0
@@ -182,9 +184,37 @@ def dress(
         rng=np.random.default_rng([seed, LEAF_STREAM]),
         density=density,
     )
-    settings = render.DETAIL[detail]
-    decoded = render.decode_tree(tree.graph, texture.instances, foliage, settings=settings)
+    settings = render.DETAIL[coarser(detail, lod)]
+    keep = None if lod == 1.0 else _bearers(tree.graph, texture)
+    decoded = render.decode_tree(tree.graph, texture.instances, foliage, settings=settings, keep=keep)
     return Dressed(tree, species, texture, decoded, season)
+
+
+def coarser(detail: str, lod: float) -> str:
+    """How finely branches are meshed at a level of detail: a step coarser below 0.5, another below 0.2."""
+    from render import DETAIL
+
+    names = list(DETAIL)
+    step = sum(lod < edge for edge in COARSER)
+    return names[min(names.index(detail) + step, len(names) - 1)]
+
+
+def _bearers(graph: TreeGraph, texture: Texture) -> NDArray[np.int64]:
+    """Nodes at the ends of the segments from which the patches of the foliage grow."""
+    from scipy.spatial import cKDTree
+
+    from treegraph import NO_PARENT
+
+    foot = texture.instances.position[texture.holder < 0]
+    node = np.flatnonzero(graph.parent != NO_PARENT)
+    if not len(foot) or not len(node):
+        return np.empty(0, np.int64)
+    begin, end = graph.position[graph.parent[node]], graph.position[node]
+    count = np.ceil(np.linalg.norm(end - begin, axis=1) / BEARER_STEP).astype(np.int64) + 1
+    which = np.repeat(np.arange(len(node)), count)
+    at = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 1) / count[which]
+    points = begin[which] + at[:, None] * (end - begin)[which]
+    return np.unique(node[which[cKDTree(points).query(foot)[1]]])
 
 
 @lru_cache(maxsize=32)

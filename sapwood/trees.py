@@ -61,7 +61,7 @@ def read_tree(path: str | os.PathLike[str]) -> ClusterTree:
 
 
 def keep_thickest(tree: ClusterTree, share: float) -> ClusterTree:
-    """A tree of which only the thickest branches are left: a level of detail, to be drawn with its hulls.
+    """A tree of which the thickest branches are left, and those that lead to clusters: a level of detail.
 
     Parameters
     ----------
@@ -79,7 +79,8 @@ def keep_thickest(tree: ClusterTree, share: float) -> ClusterTree:
     if share == 1.0:
         return tree
     hulls = tuple(replace(cluster, seed=np.empty(0, np.int32)) for cluster in tree.clusters)
-    return tree.replace(graph=render.thickest_edges(tree.graph, share)[0], clusters=hulls)
+    seeds = np.concatenate([np.empty(0, np.int32), *(cluster.seed for cluster in tree.clusters)])
+    return tree.replace(graph=render.thickest_edges(tree.graph, share, seeds)[0], clusters=hulls)
 
 
 @contextmanager
@@ -155,11 +156,12 @@ def _write_mesh(
     tree: ClusterTree, path: Path, suffix: str, detail: str, dressed: Dressed | None, lod: float
 ) -> None:
     import render
+    from sapwood.dressing import coarser
 
     if dressed is not None:
         parts = dressed.parts()
     else:
-        parts = render.tree_parts(keep_thickest(tree, lod), render.DETAIL[detail])
+        parts = render.tree_parts(keep_thickest(tree, lod), render.DETAIL[coarser(detail, lod)])
     if suffix == ".glb":
         render.write_glb(path, parts, extras=_extras(tree))
     elif suffix == ".obj":

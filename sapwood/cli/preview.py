@@ -42,6 +42,8 @@ def preview(
               sapwood preview oak.laz -o oak.png --species oak
               sapwood preview out/oak.lobes -o oak.gif --turntable
     """
+    from render import DETAIL
+    from sapwood.dressing import coarser
     from sapwood.outputs import check_free
     from sapwood.trees import blame, keep_thickest
 
@@ -57,7 +59,7 @@ def preview(
         dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
         look["parts"] = None if dressed is None else dressed.parts()
         if dressed is None:
-            tree = keep_thickest(tree, lod)
+            tree, look["settings"] = keep_thickest(tree, lod), DETAIL[coarser("normal", lod)]
         if turntable:
             drawn = _draw(output, force, "turntable", tree, frames=frames, **look)
         else:

@@ -215,6 +215,31 @@ def test_a_twig_thicker_than_what_bears_it_does_not_come_alone():
     assert thickest_edges(tree, 0.6)[1].tolist() == [0, 1, 3]
 
 
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
+def test_what_bears_leaves_is_kept_with_its_way_to_the_root(name, share):
+    tree = TREES[name]
+    if not np.isfinite(tree.radius).all():
+        pytest.skip("radii must be known")
+    rng = np.random.default_rng(0)
+    for keep in (np.empty(0, int), rng.integers(0, tree.n_nodes, 3), np.arange(tree.n_nodes)):
+        part, node = thickest_edges(tree, share, keep)
+        wanted = set()
+        for i in keep:
+            while i != NO_PARENT and i not in wanted:
+                wanted.add(int(i))
+                i = tree.parent[i]
+        assert wanted <= set(node.tolist())
+        roots = set(np.flatnonzero(tree.parent == NO_PARENT).tolist())
+        n_edges = tree.n_nodes - len(roots)
+        assert len(node) - len(roots) == max(int(np.ceil(share * n_edges - 1e-9)), len(wanted - roots))
+        above = tree.parent[node]
+        assert set(above[above != NO_PARENT].tolist()) <= set(node.tolist())
+        npt.assert_array_equal(part.position, tree.position[node])
+        if not len(keep):
+            npt.assert_array_equal(node, thickest_edges(tree, share)[1])
+
+
 # Patches
 
 

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 
 import recon
 from recon.hulls import mesh_volume
 from render import DETAIL, flat_parts
-from sapwood.dressing import dress, find_kind, open_library
+from sapwood.dressing import coarser, dress, find_kind, open_library
 from sapwood.pipeline import reconstruct
+from sapwood.trees import keep_thickest
 from species.library import build_species, builtin_library, open_species
 from tests.corpus import TREES, realistic_cluster_tree, realistic_tree
 from tests.library_examples import small_species, species_text
@@ -97,6 +100,43 @@ def test_fewer_and_larger_leaves_have_fewer_faces(scanned, oak):
     assert tenth.decoded.n_instances == full.decoded.n_instances
     faces = [sum(len(part.mesh.faces) for part in each.parts()) for each in (full, tenth)]
     assert faces == [full.decoded.n_faces, tenth.decoded.n_faces]
+
+
+@pytest.mark.parametrize("lod", [0.5, 0.1, 0.001])
+def test_no_twig_floats_where_its_branch_was_left_out(scanned, oak, lod):
+    dressed = dress(scanned, oak, lod=lod)
+    foot = dressed.texture.instances.position[dressed.texture.holder < 0]
+    assert len(foot) > 50
+    gap = distance(foot, dressed.decoded.wood)
+    assert (
+        gap.max() <= distance(foot, dress(scanned, oak).decoded.wood).max() + 0.15
+    )  # a coarser mesh is a little off
+    assert np.median(gap) < 0.05
+
+
+def distance(points, mesh):
+    """To the nearest of many points of a mesh's surface."""
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    return cKDTree(trimesh.sample.sample_surface(solid, 100_000, seed=0)[0]).query(points)[0]
+
+
+def test_branches_are_meshed_more_coarsely_at_low_levels():
+    wanted = {1.0: "fine", 0.5: "fine", 0.4: "normal", 0.2: "normal", 0.1: "coarse"}
+    assert {lod: coarser("fine", lod) for lod in wanted} == wanted
+    assert [coarser("normal", lod) for lod in (0.5, 0.49, 0.1)] == ["normal", "coarse", "coarse"]
+    assert [coarser("coarse", lod) for lod in (1.0, 0.1)] == ["coarse", "coarse"]
+
+
+def test_clusters_that_are_drawn_as_hulls_do_not_float(scanned):
+    kept = keep_thickest(scanned, 0.02)
+    seeds = np.concatenate([cluster.seed for cluster in scanned.clusters])
+    gap = np.linalg.norm(scanned.graph.position[seeds][:, None] - kept.graph.position[None], axis=2).min(
+        axis=1
+    )
+    assert gap.max() == 0.0
+    assert keep_thickest(scanned, 1.0) is scanned
+    bare = keep_thickest(scanned.replace(clusters=()), 0.02)
+    assert bare.graph.n_nodes == 1 + np.ceil(0.02 * (scanned.graph.n_nodes - 1))
 
 
 @pytest.mark.parametrize("factor", [0.25, 3.0])
