@@ -10,6 +10,7 @@ from benchmarks import (
     decoding,
     grown_truth,
     growth,
+    jointboost,
     light,
     lsystem,
     scanning,
@@ -35,6 +36,7 @@ BENCHMARKS = {
     "decoding": decoding,
     "silhouettes": silhouettes,
     "stand": stand,
+    "jointboost": jointboost,
 }
 QUICK_LADDER = (100_000, 1_000_000)
 

@@ -12,9 +12,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
+from benchmarks.class_problems import coded, mixed, projected
 from classify import BoostSettings, JointBoostClassifier, Stumps, boost
+from classify.boosting import _find_split, _split_table
 from classify.stumps import two_sided
-from tests.classify.boost_reference import accuracy, boost_slowly, coded, error_of, mixed, projected
+from tests.classify.boost_reference import accuracy, boost_slowly, error_of, search_slowly
 from treegraph import InputError
 
 EVERY = BoostSettings(max_thresholds=None)
@@ -49,6 +51,25 @@ def test_every_round_is_that_of_the_definition(n_classes, missing):
             assert stumps.missing_above[j] == missing_above
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_the_search_is_right_for_any_weights(seed):
+    """Weights as unequal as late rounds have them; then the constants of the classes matter."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(12, 3))
+    x[rng.random(x.shape) < 0.1] = np.nan
+    sign = np.where(rng.random((12, 4)) < 0.4, 1.0, -1.0)
+    weight = np.exp(rng.normal(0.0, 2.0, (12, 4)) + 3.0 * rng.normal(size=4))
+    splits = _split_table(x, np.ones(12), None)
+    room = np.empty((2, 4, int(splits.sizes(np.arange(3)).sum())))
+    found = _find_split(weight / weight.sum(), sign, splits, BoostSettings(), rng, room)
+    error, (feature, threshold, missing_above), shared = search_slowly(x, sign, weight)
+    assert tuple(found.shared) == shared
+    assert (found.feature, found.missing_above) == (feature, missing_above)
+    npt.assert_allclose(splits.threshold[feature][found.place], threshold)
+    constants = error_of(x, sign, weight, (0, 0.0, False, np.zeros(4, bool)))[0]
+    npt.assert_allclose(found.gain, (constants - error) / weight.sum(), rtol=1e-9)
+
+
 def test_values_are_those_that_leave_the_least_error():
     """By hand: one feature, two classes of three samples; one output."""
     x, y = [[0.0], [1.0], [2.0], [3.0], [4.0], [5.0]], [0, 0, 1, 0, 1, 1]
@@ -70,8 +91,11 @@ def test_constants_are_the_means_of_the_classes_outside():
         weight = np.exp(-sign * score)
         npt.assert_allclose(boosted.train_loss[j], weight.mean())
         split = (stumps.feature[j], stumps.threshold[j], stumps.missing_above[j])
-        _, h = error_of(x, sign, weight, (*split, stumps.shared[j]))
+        error, h = error_of(x, sign, weight, (*split, stumps.shared[j]))
         score += h
+        constants = error_of(x, sign, weight, (*split, np.zeros(5, bool)))[0]
+        start = np.exp(-sign * stumps.intercept).sum()
+        npt.assert_allclose(stumps.gain[j], (constants - error) / start)
         out = ~stumps.shared[j]
         npt.assert_allclose(stumps.constant[j, out], h[0, out], atol=1e-15)
         assert not stumps.constant[j, ~out].any()
@@ -241,9 +265,11 @@ def test_few_samples_with_ties_and_gaps_make_a_finite_model(seed, max_thresholds
 
 def test_neighbouring_floats_can_be_told_apart():
     low = 0.1
-    high = np.nextafter(low, 1.0)
-    stumps = train([[low], [high]], [0, 1], BoostSettings(n_rounds=1)).stumps
-    assert stumps.scores([[low]])[0, 0] < 0.0 < stumps.scores([[high]])[0, 0]
+    for _ in range(4):  # half of the middles round up, half down
+        high = np.nextafter(low, 1.0)
+        stumps = train([[low], [high]], [0, 1], BoostSettings(n_rounds=1)).stumps
+        assert stumps.scores([[low]])[0, 0] < 0.0 < stumps.scores([[high]])[0, 0]
+        low = high
     stumps = train([[-1.7e308], [1.7e308]], [0, 1], BoostSettings(n_rounds=1)).stumps
     assert stumps.threshold[0] == 0.0
 
@@ -297,6 +323,13 @@ def test_stopping_keeps_the_best_round_and_takes_it_from_samples_set_aside():
     assert_same(model.stumps_, again.stumps_)
     other = JointBoostClassifier(validation_fraction=0.25, n_rounds_no_change=10, random_state=1).fit(x, y)
     assert other.validation_loss_.tolist() != loss.tolist()
+
+
+def test_a_loss_that_falls_by_less_than_asked_is_no_better():
+    x, y = mixed(20)
+    model = JointBoostClassifier(validation_fraction=0.25, n_rounds_no_change=5, tol=10.0).fit(x, y)
+    assert model.n_rounds_ == 0 and model.validation_loss_.size == 6
+    assert model.validation_loss_[5] < model.validation_loss_[0]
 
 
 def test_without_samples_set_aside_nothing_is_random():

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.class_problems import mixed
 from classify import BoostSettings, decode_model, encode_model, read_model, train_model, write_model
 from classify.model_file import MAX_BYTES
-from tests.classify.boost_reference import mixed
 from treegraph import FormatError, InputError
 
 NAMES = ("ash", "birch", "chêne", "elm", "fir", "oak")

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
+from benchmarks.class_problems import mixed
 from classify import BoostSettings, SpeciesModel, Stumps, calibration_error, log_loss, train_model
 from classify.calibration import FeatureRange, Rejection
-from tests.classify.boost_reference import mixed
 from treegraph import InputError
 
 NAMES = ("ash", "birch", "cedar", "elm", "fir", "oak")
@@ -20,7 +20,9 @@ FAST = BoostSettings(n_rounds=120, learning_rate=0.3, max_features=0.3)
 def train(x, y, *, seed=0, **options):
     names = [NAMES[k] for k in y]
     rng = np.random.default_rng(seed)
-    return train_model(x, names, FEATURES[: x.shape[1]], rng=rng, **({"settings": FAST} | options))
+    return train_model(
+        x, names, FEATURES[: x.shape[1]], rng=rng, **({"settings": FAST, "n_folds": 5} | options)
+    )
 
 
 @pytest.fixture(scope="module")
