@@ -24,7 +24,7 @@ from recon.dbh import BreastHeight, breast_height, hold_breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
 from recon.preparing import Prepared, PrepareSettings, prepare
-from recon.radii import SMALLEST_RADIUS, final_radii
+from recon.radii import SMALLEST_RADIUS, final_radii, limit_by_load
 from recon.skeleton import Skeleton, base_points, merge_nodes, slice_tree
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
 from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish, reattach
@@ -44,6 +44,7 @@ GUESSED_NOTE = "no wood stands out: the stem is a guess from the foot to the mid
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
+SPLIT_MARGIN = 3.0  # of `limit_by_load` where wood is told from leaves: bare boughs carry little
 SHRUB_SHARE = 0.008  # ... and it is a leafy shrub, whose foot is no stem
 SHRUB_SPREAD = 0.04  # of the height: what is wider near the foot, among leaves, is no stem
 ABSORB_ROUNDS = 2
@@ -260,6 +261,9 @@ def encode_with_report(
     with clock("radii"):
         skeleton = skeleton if guessed else polish(xyz, fit_budget(xyz, skeleton, gamma, settings.max_nodes))
         radius, measured = final_radii(skeleton, gamma)
+        if f_s < LEAFLESS_F_S and not guessed:
+            limited = limit_by_load(skeleton, radius)
+            radius, measured = limited, measured & (limited >= radius)
         skeleton = replace(skeleton, radius=radius)
         dbh = breast_height(xyz, skeleton, measured, has_stem)
         radius = hold_breast_height(skeleton, radius, dbh)
@@ -467,7 +471,7 @@ def _split_off_leaves(
     if factor >= LEAFLESS_F_S:
         return skeleton, LEAFLESS_F_S, no_group
     radius, _ = final_radii(skeleton, gamma, leafy=True)
-    skeleton = replace(skeleton, radius=radius)
+    skeleton = replace(skeleton, radius=limit_by_load(skeleton, radius, margin=SPLIT_MARGIN))
     low = leafy_nodes(xyz, skeleton, factor)
     group = bough_groups(skeleton, low, settings.max_clusters)
     into = np.arange(skeleton.n_nodes)

@@ -19,6 +19,50 @@ RESOLUTION_SPACINGS = 1.0  # a spread below this many point spacings may always 
 MAX_RESOLUTION = 0.03  # ... but not above this, metres
 SMALLEST_RADIUS = 0.002  # metres; of twigs
 ENOUGH_POINTS = 2  # a node with fewer shows no radius
+CARRIED_MARGIN = 1.8  # how much thicker than its share of the crown a branch with leaves may be
+STEM_HEIGHT = 1.0  # metres above the foot where the stem is taken that the shares refer to
+
+
+def limit_by_load(skeleton: Skeleton, radius: np.ndarray, *, margin: float = CARRIED_MARGIN) -> np.ndarray:
+    r"""Radii of a tree with leaves, none thicker than what it carries asks for.
+
+    Around a bough its leaves look like thick bark to a circle fit. By the pipe model (thesis 5.3.4) the area
+    of wood goes with the leaves beyond it, so
+    :math:`r(u) \le m \, r_0 \sqrt{\max(p(u) / p, l(u) / l)}` with the points :math:`p` and the length
+    :math:`l` of wood beyond u, the same of the whole tree, the radius :math:`r_0` of the stem one metre
+    above its foot, and a margin m, for points are not spread evenly.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    radius : (n,) float64
+        Metres.
+    margin : float
+
+    Returns
+    -------
+    radius : (n,) float64
+        Metres; unchanged on the stem below one metre.
+    """
+    from recon import _tube_kernels as tubes
+
+    length = tubes.subtree_length(skeleton.parent, skeleton.position)
+    onward = tubes.continuations(skeleton.parent, length)
+    home = skeleton.home[skeleton.home >= 0]
+    carried = np.bincount(home, minlength=skeleton.n_nodes)
+    for i in range(skeleton.n_nodes - 1, 0, -1):
+        carried[skeleton.parent[i]] += carried[i]
+    stem = 0
+    foot = skeleton.position[0, 2]
+    while onward[stem] >= 0 and skeleton.position[stem, 2] < foot + STEM_HEIGHT:
+        stem = int(onward[stem])
+    share = np.maximum(carried / max(carried[0], 1), length / max(length[0], 1e-9))
+    limit = np.maximum(margin * radius[stem] * share**PIPE_EXPONENT, SMALLEST_RADIUS)
+    below = np.zeros(skeleton.n_nodes, bool)
+    while stem >= 0:
+        below[stem] = True
+        stem = int(skeleton.parent[stem])
+    return np.where(below, radius, np.minimum(radius, limit))
 
 
 def final_radii(skeleton: Skeleton, gamma: float, *, leafy: bool = False) -> tuple[np.ndarray, np.ndarray]:

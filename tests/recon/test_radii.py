@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import numpy.testing as npt
 import pytest
 
 from recon import _tube_kernels as kernels
-from recon.radii import SMALLEST_RADIUS, final_radii
+from recon.radii import CARRIED_MARGIN, SMALLEST_RADIUS, final_radii, limit_by_load
 from recon.skeleton import Skeleton
 
 
@@ -100,3 +102,31 @@ def test_subtree_length_is_the_sum_of_edges(rng):
     below = {0: range(1, 6), 1: (1, 2, 3, 4), 2: (2,), 3: (3, 4), 4: (4,), 5: (5,)}
     wanted = [sum(edge[j] for j in below[i]) for i in range(6)]
     npt.assert_allclose(kernels.subtree_length(parent, position), wanted)
+
+
+def bough(points_on_it):
+    """A stem of four metres with a side branch of one from its middle, as thick as the stem."""
+    position = [[0, 0, z] for z in range(5)] + [[0.5, 0, 2], [1, 0, 2]]
+    n_points = [0, 0, 0, 0, 1000 - points_on_it, 0, points_on_it]
+    return skeleton([-1, 0, 1, 2, 3, 2, 5], position, [0.2] * 7, n_points, [1] * 7)
+
+
+def test_among_leaves_a_bough_is_no_thicker_than_its_share_of_the_crown():
+    # 10 of 1000 points and 0.5 of 5 metres beyond its first node: the length rules
+    limited = limit_by_load(bough(10), np.full(7, 0.2))
+    npt.assert_allclose(limited[5], CARRIED_MARGIN * 0.2 * np.sqrt(0.5 / 5.0 + 0.5 / 5.0), rtol=1e-12)
+    npt.assert_allclose(limited[6], CARRIED_MARGIN * 0.2 * np.sqrt(0.5 / 5.0), rtol=1e-12)
+    # 200 of 1000 points: now they do
+    limited = limit_by_load(bough(250), np.full(7, 0.2))
+    npt.assert_allclose(limited[6], min(0.2, CARRIED_MARGIN * 0.2 * np.sqrt(0.25)), rtol=1e-12)
+    assert (limit_by_load(bough(10), np.full(7, 0.2), margin=9.0) == 0.2).all()
+    assert (limited <= 0.2).all() and (np.diff(limited[:5]) <= 0.0).all()
+    npt.assert_allclose(limited[:2], 0.2)
+
+
+def test_a_load_of_nothing_leaves_the_thinnest_twig():
+    bare = bough(10)
+    alone = skeleton([-1, 0], [[0, 0, 0], [0, 0, 0.5]], [0.05, 0.04], [5, 0], [1, 1])
+    assert (limit_by_load(alone, alone.radius) >= SMALLEST_RADIUS).all()
+    moved = replace(bare, position=bare.position + [3.0, 4.0, 5.0])
+    npt.assert_allclose(limit_by_load(moved, bare.radius), limit_by_load(bare, bare.radius), rtol=1e-9)
