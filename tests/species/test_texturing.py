@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from species import _space_kernels as space
 from species import _texturing_kernels as kernels
 from species.foliage import LeafSet
 from species.patches import Instances, Patch
@@ -73,12 +74,12 @@ def texture(table, tree=TREE, seed=1, **more):
 @pytest.mark.parametrize("seed", range(4))
 def test_volume_and_cells_of_a_hull(seed):
     points, faces, hull = hull_of(ball((0.3, -0.2, 1.0), 1.3, seed))
-    npt.assert_allclose(kernels.hull_volume(points, faces), hull.volume, rtol=1e-12)
+    npt.assert_allclose(space.hull_volume(points, faces), hull.volume, rtol=1e-12)
     low = points.min(axis=0)
     cell = np.ptp(points, axis=0).max() / kernels.MOST_SIDE
     size = np.maximum(1, np.ceil(np.ptp(points, axis=0) / cell)).astype(int)
     inside = np.empty(size.prod(), bool)
-    kernels.fill_columns(points, faces, low, cell, *size, inside)
+    space.fill_columns(points, faces, low, cell, *size, inside)
     middles = low + (np.indices(size).reshape(3, -1).T + 0.5) * cell
     wanted = (hull.equations[:, :3] @ middles.T + hull.equations[:, 3:] <= 0).all(axis=0)
     npt.assert_array_equal(inside, wanted)
@@ -90,15 +91,15 @@ def test_frames_and_quaternions(seed):
     d = rng.normal(size=3) if seed else np.array([0.0, 0.0, -1.0])
     d /= np.linalg.norm(d)
     frame, quaternion = np.empty((3, 3)), np.empty(4)
-    kernels.frame_of(*d, 0.0, frame)
+    space.frame_of(*d, 0.0, frame)
     npt.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) > 0
     npt.assert_allclose(frame[:, 2], d)
     if abs(d[2]) < 0.99:
         npt.assert_allclose(frame[2, 1], 0.0, atol=1e-12)  # x is up as far as it can be
         assert frame[2, 0] > 0
-    kernels.frame_of(*d, 1.1, frame)
-    kernels.quaternion_of(frame, quaternion)
+    space.frame_of(*d, 1.1, frame)
+    space.quaternion_of(frame, quaternion)
     npt.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), frame, atol=1e-12)
 
 
@@ -112,42 +113,43 @@ def test_match_is_best_for_equal_thickness_and_slope():
 # ---------------------------------------------------------------- filling
 
 
+def volumes(tree):
+    return np.array([space.hull_volume(c.vertices, c.faces) for c in tree.clusters])
+
+
 def test_leaf_area_is_density_times_volume(table):
     made = texture(table)
-    volume = [kernels.hull_volume(c.vertices, c.faces) for c in TREE.clusters]
-    npt.assert_allclose(made.target, 2.0 * np.array(volume))
-    npt.assert_allclose(made.leaf_area, made.target, rtol=1e-9)
+    npt.assert_allclose(made.target, 2.0 * volumes(TREE))
+    npt.assert_allclose(made.leaf_area, made.target, rtol=0.1)
+    npt.assert_allclose(made.leaf_area.sum(), made.target.sum(), rtol=1e-9)
     rows = made.instances
     counted = np.bincount(rows.cluster, table.leaf_area[rows.patch] * rows.scale**2)
     npt.assert_allclose(counted, made.leaf_area, rtol=1e-9)
+
+
+def points_of(table, rows, i):
+    turn = Rotation.from_quat(rows.rotation[i])
+    return rows.position[i] + rows.scale[i] * turn.apply(table.sample[rows.patch[i]])
 
 
 def test_patches_lie_in_their_cluster(table):
     rows = texture(table).instances
     for k, cluster in enumerate(TREE.clusters):
         hull = ConvexHull(cluster.vertices)
-        mine = np.flatnonzero(rows.cluster == k)
-        turn = Rotation.from_quat(rows.rotation[mine])
         share = []
-        for i, row in enumerate(mine):
-            points = rows.position[row] + rows.scale[row] * turn[i].apply(table.sample[rows.patch[row]])
+        for i in np.flatnonzero(rows.cluster == k):
+            points = points_of(table, rows, i)
             share.append(
                 (hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 0.05).all(axis=0).mean()
             )
         assert np.mean(share) > 0.75
-        assert np.min(share) > 0.3
+        assert np.mean(np.array(share) < 0.3) < 0.1  # but for those that lead there
 
 
 def test_all_of_a_cluster_is_filled(table):
     tree = make_tree(((0, 0, 2.9), 1.0))
     rows = texture(table, tree).instances
-    turn = Rotation.from_quat(rows.rotation)
-    points = np.concatenate(
-        [
-            rows.position[i] + rows.scale[i] * turn[i].apply(table.sample[rows.patch[i]])
-            for i in range(len(rows))
-        ]
-    )
+    points = np.concatenate([points_of(table, rows, i) for i in range(len(rows))])
     hull = ConvexHull(tree.clusters[0].vertices)
     room = np.random.default_rng(0).uniform((-1, -1, 1.9), (1, 1, 3.9), (20_000, 3))
     room = room[(hull.equations[:, :3] @ room.T + hull.equations[:, 3:] <= 0).all(axis=0)]
@@ -155,8 +157,8 @@ def test_all_of_a_cluster_is_filled(table):
     def share(points):
         return np.bincount(((points - (0, 0, 2.9)) > 0) @ [4, 2, 1], minlength=8) / len(points)
 
-    assert (share(points) / share(room)).min() > 0.25
-    assert (share(points) / share(room)).max() < 1.7
+    assert (share(points) / share(room)).min() > 0.6
+    assert (share(points) / share(room)).max() < 1.6
 
 
 def test_the_first_patch_docks_at_the_seed(table):
@@ -164,13 +166,13 @@ def test_the_first_patch_docks_at_the_seed(table):
     npt.assert_allclose(made.instances.position[0], [0, 0, 2])
     up = Rotation.from_quat(made.instances.rotation[0]).apply([0, 0, 1])
     assert up[2] > 0.99
-    assert made.free < len(made.instances)
+    assert made.holder[0] == -1
 
 
 def test_same_seed_same_bytes_and_clusters_apart(table):
     one, two, other = texture(table), texture(table), texture(table, seed=2)
-    assert one.instances.position.tobytes() == two.instances.position.tobytes()
-    assert one.instances.order.tobytes() == two.instances.order.tobytes()
+    for name in ("patch", "position", "rotation", "scale", "order"):
+        assert getattr(one.instances, name).tobytes() == getattr(two.instances, name).tobytes()
     assert one.instances.position.tobytes() != other.instances.position.tobytes()
     less = texture(table, density=[1.0, 0.0])
     first = one.instances.cluster == 0
@@ -180,20 +182,75 @@ def test_same_seed_same_bytes_and_clusters_apart(table):
 
 def test_density_scales_the_leaves(table):
     full, half = texture(table), texture(table, density=0.5)
-    npt.assert_allclose(half.leaf_area, 0.5 * full.leaf_area)
+    npt.assert_allclose(half.target, 0.5 * full.target)
+    npt.assert_allclose(half.leaf_area.sum(), 0.5 * full.leaf_area.sum(), rtol=1e-9)
     assert len(half.instances) < 0.7 * len(full.instances)
 
 
-def test_stretch_is_bounded(table):
-    """A cluster smaller than a patch keeps patches of a bearable size, and says what it holds."""
-    made = texture(table, make_tree(((0, 0, 2.2), 0.22)))
-    assert made.leaf_area[0] >= made.target[0]
-    assert (made.instances.scale >= kernels.LEAST_SCALE * STRETCH[0] - 1e-12).all()
+def with_density(tree, *density):
+    clusters = tuple(
+        Cluster(c.vertices, c.faces, seed=c.seed, density=value, n_points=0)
+        for c, value in zip(tree.clusters, density, strict=True)
+    )
+    return ClusterTree(tree.graph, clusters, None, DEFAULT_ALLOMETRY, np.zeros(3))
+
+
+def test_density_of_the_scan(table):
+    """Root of the density over the mean by volume; bounded; the sum stays; unknown is the mean."""
+    volume = volumes(TREE)
+    plain = texture(table).target
+    points = np.array([400.0, 1600.0])
+    got = texture(table, with_density(TREE, *points), follow_scan=True).target
+    weight = np.sqrt(points / (points @ volume / volume.sum()))
+    npt.assert_allclose(got / plain, weight * (plain.sum() / (plain @ weight)))
+    npt.assert_allclose(got.sum(), plain.sum())
+    got = texture(table, with_density(TREE, 1.0, 1e9), follow_scan=True).target
+    assert 1.0 < (got / plain)[1] / (got / plain)[0] <= 4.0  # 0.5 to 2
+    for densities in ((np.nan, 5.0), (np.nan, np.nan), (0.0, 0.0)):
+        got = texture(table, with_density(TREE, *densities), follow_scan=True).target
+        npt.assert_allclose(got, plain)
+    got = texture(table, with_density(TREE, *points), follow_scan=True, density=[1.0, 0.0]).target
+    npt.assert_allclose(got, [plain[0], 0.0])
+
+
+def test_small_clusters_get_the_right_leaf_area_on_average(table):
+    """Each has room for a third of the smallest patch: one of three gets one, and the tree's sum is right."""
+    area = table.leaf_area[0]
+    rng = np.random.default_rng(3)
+    radius = (area / 3.0 / 2.0 / 3.9) ** (1.0 / 3.0)
+    way = rng.normal(size=(400, 3)) + (0.0, 0.0, 3.0)
+    way[:, 2] = np.abs(way[:, 2])
+    places = (0.0, 0.0, 2.0) + 0.17 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    tree = make_tree(*((place, radius) for place in places))
+    made = texture(table, tree)
+    wanted = made.target.sum() / area
+    assert abs(len(made.instances) - wanted) < 4.0 * np.sqrt(wanted)
+    npt.assert_allclose(made.leaf_area.sum(), made.target.sum(), rtol=1e-9)
+    assert np.unique(made.instances.cluster).size == len(made.instances)
+
+
+@pytest.mark.parametrize("limits", [(0.8, 1.25), (0.5, 2.0), (1.0, 1.0)])
+def test_scales_are_bounded(table, limits):
+    scale = texture(table, scale_limits=limits).instances.scale
+    assert (scale >= limits[0] * STRETCH[0] - 1e-12).all()
+    assert (scale <= limits[1] * STRETCH[1] + 1e-12).all()
+    if limits == (0.5, 2.0):
+        assert scale.min() < 0.75 < 1.4 < scale.max()
 
 
 def test_a_tree_without_clusters(table):
     made = texture(table, ClusterTree(TREE.graph, (), None, DEFAULT_ALLOMETRY, np.zeros(3)))
-    assert len(made.instances) == made.free == len(made.target) == 0
+    assert len(made.instances) == len(made.holder) == len(made.target) == 0
+
+
+def test_a_flat_cluster_is_filled(table):
+    """Thinner than a cell of the grid, so that no middle of a cell is in it."""
+    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (2.2, 2.25)])
+    points += np.random.default_rng(0).uniform(0.0, 1e-3, points.shape)
+    cluster = Cluster(*hull_of(points)[:2], seed=[2], density=np.nan, n_points=0)
+    tree = ClusterTree(TREE.graph, (cluster,), None, DEFAULT_ALLOMETRY, np.zeros(3))
+    made = texture(table, tree)
+    npt.assert_allclose(made.leaf_area, made.target, rtol=0.05)
 
 
 # ---------------------------------------------------------------- refusals
@@ -220,6 +277,18 @@ def test_patches_need_leaves():
     patch = make_patch(np.random.default_rng(0), 0.002)
     with pytest.raises(InputError, match="at least one patch must have leaves, but none of 1 has"):
         pack_patches([Patch(patch.graph, BARE)])
+
+
+@pytest.mark.parametrize("limits", [(0.05, 1.0), (1.25, 0.8), (0.8, 11.0), (np.nan, 1.0)])
+def test_bad_scale_limits(table, limits):
+    with pytest.raises(InputError, match="scale_limits must be two ascending numbers from 0.1 to 10, got"):
+        texture(table, scale_limits=limits)
+
+
+@pytest.mark.parametrize("bend", [-3.1, np.nan])
+def test_bad_leaf_bend(bend):
+    with pytest.raises(InputError, match="leaf_bend must be an angle of -3 to 3 radians, got"):
+        pack_patches([make_patch(np.random.default_rng(0), 0.002)], leaf_bend=bend)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.1, np.nan])
