@@ -177,9 +177,7 @@ def _choose(
     from treegraph.errors import InputError
 
     if kind is not None and preset is not None or (kind or preset or species) is None:
-        raise InputError(
-            f"name one: KIND.toml, --preset {', '.join(presets())}, or --species NAME."
-        )
+        raise InputError(f"name one: KIND.toml, --preset {', '.join(presets())}, or --species NAME.")
     if kind is None and preset is None:
         if species.definition.growth is None:
             raise InputError(f"{species.name} has no growth parameters; name KIND.toml or --preset as well.")
