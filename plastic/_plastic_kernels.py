@@ -101,7 +101,8 @@ class Work(NamedTuple):
     translucency: np.ndarray  # (s,)
     changed: np.ndarray  # (s,) bool: for its own tree another cluster than in the last run
     moved: np.ndarray  # (s,) bool: for other trees and obstacles too
-    former: np.ndarray  # (s, 3) `local` of a changed one as it was
+    former: np.ndarray  # (s, 3) `local` as it was in the last run
+    earlier: np.ndarray  # (s, 3) `center` as it was
     amount: np.ndarray  # (s,)
     shift: np.ndarray  # (s, 3) change of the light's direction
     shifted: np.ndarray  # (s,) bool: it is not that of the last run
@@ -114,6 +115,7 @@ class Work(NamedTuple):
     carried: np.ndarray  # (n,) scratch
     affected: np.ndarray  # (k,) bool: something of the tree is not as it came in
     fallen: np.ndarray  # (k,) bool: a branch died
+    news: np.ndarray  # (k,) bool: a node may not be as in the last run, so that clusters have to be looked at
     buried: np.ndarray  # (k,) bool: its foot is inside an obstacle
     counts: np.ndarray  # (4,) int64: sites shaded by clusters, by obstacles, weighed, nodes turned
 
@@ -262,7 +264,7 @@ def bend(plan, work, solids, rules, tree, season, event):
     rest, lean, heading, turn = plan.rest, plan.lean, plan.heading, work.turn
     any_plane = planes.shape[0] > 0
     rebend, bending = rules.rebend, rules.bending
-    affected = work.affected[tree]
+    affected, news = work.affected[tree], work.news[tree]
     n_turned = 0
     for i in range(plan.node_first[tree, season], plan.node_first[tree, season + 1]):
         p = parent[i]
@@ -280,6 +282,7 @@ def bend(plan, work, solids, rules, tree, season, event):
         death[i] = ALIVE
         dirty[i] = stale
         if stale:
+            news = True
             gx, gy, gz = 0.0, 0.0, 0.0
             if s >= 0:
                 by = bending * pull[i]
@@ -311,9 +314,10 @@ def bend(plan, work, solids, rules, tree, season, event):
         ):
             death[i] = event
             cause[i] = BY_OBSTACLE
-            affected = True
+            affected = news = True
             work.fallen[tree] = True
     work.affected[tree] = affected
+    work.news[tree] = news
     work.counts[3] += n_turned
 
 
@@ -332,11 +336,23 @@ def place(plan, work, tree, group):
 
     Offsets are in steps: those in space, and those against what all clusters have moved on average.
     """
-    seat_first, seat, before, home, radius = plan.seat_first, plan.seat, plan.position, plan.center, plan.radius
+    seat_first, seat, before, home, radius = (
+        plan.seat_first,
+        plan.seat,
+        plan.position,
+        plan.center,
+        plan.radius,
+    )
     position, turned, death, offset = work.position, work.turned, work.death, work.offset
     center, local, former, living = work.center, work.local, work.former, work.living
+    earlier = work.earlier
     changed, moved, translucency, affected = work.changed, work.moved, work.translucency, work.affected[tree]
     a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
+    if not work.news[tree]:
+        for s in range(a, b):
+            changed[s] = False
+            moved[s] = False
+        return
     mx, my, mz = 0.0, 0.0, 0.0
     n = 0
     for s in range(a, b):
@@ -379,6 +395,7 @@ def place(plan, work, tree, group):
             cz += _to_grain(offset[s, 2], grain)
         moved[s] = changed[s] or not (center[s, 0] == cx and center[s, 1] == cy and center[s, 2] == cz)
         former[s, 0], former[s, 1], former[s, 2] = local[s, 0], local[s, 1], local[s, 2]
+        earlier[s, 0], earlier[s, 1], earlier[s, 2] = center[s, 0], center[s, 1], center[s, 2]
         changed[s] = changed[s] or not (local[s, 0] == x and local[s, 1] == y and local[s, 2] == z)
         local[s, 0], local[s, 1], local[s, 2] = x, y, z
         center[s, 0], center[s, 1], center[s, 2] = cx, cy, cz
@@ -401,23 +418,25 @@ def _own_sites(plan, work, tree, group, out, new):
 
 
 @_jit
-def _other_sites(plan, work, events, event, tree, out):
-    """Living clusters of other trees that shade those of a tree; how many, and whether any is new."""
+def _other_sites(plan, work, events, event, tree, out, new):
+    """Living clusters of other trees that shade those of a tree, and those that are not as before."""
     n = 0
-    new = False
+    m = 0
     if event < 0:
-        return n, new
+        return n, m
     for k in range(events.near_first[tree], events.near_first[tree + 1]):
         other = events.near[k]
         group = events.group[event, other]
         if group < 1:
             continue
         for s in range(plan.site_first[other, group], plan.site_first[other, group + 1]):
-            new = new or work.moved[s]
+            if work.moved[s]:
+                new[m] = s
+                m += 1
             if work.living[s] > 0:
                 out[n] = s
                 n += 1
-    return n, new
+    return n, m
 
 
 @_jit
@@ -593,20 +612,21 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     ``room`` is scratch, from :func:`make_room`.
     """
     a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
-    cells, finer, cap, hit, pair, trans, sites, fresh, others = room
+    cells, finer, cap, hit, pair, trans, sites, fresh, others, new_others = room
     n_own, n_new = 0, 0
     if group > 0:
         n_own, n_new = _own_sites(plan, work, tree, group, sites, fresh)
-    n_others, other_new = 0, False
+    n_others, n_new_others = 0, 0
     any_other = work.beyond.shape[0] > 0
     if any_other:
-        n_others, other_new = _other_sites(plan, work, events, event if group > 0 else event - 1, tree, others)
+        row = event if group > 0 else event - 1
+        n_others, n_new_others = _other_sites(plan, work, events, row, tree, others, new_others)
     shifted, moved = work.shifted, work.moved
     any_moved = False
     for s in range(a, b):
         shifted[s] = False
         any_moved = any_moved or (group > 0 and moved[s])
-    if n_new == 0 and not (other_new or any_moved or rules.reshade or rules.relight):
+    if n_new + n_new_others == 0 and not (any_moved or rules.reshade or rules.relight):
         return
     center, local, lit = work.center, work.local, work.lit
     keep = work.passed.shape[0] > 0
@@ -618,13 +638,13 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     rise = sin_tent / (1.0 - sin_tent)
     sin_blur, cos_tent = np.float32(math.sin(blur)), np.float32(math.cos(tent))
     concern = 1.0 / (1.0 - sin_tent)
-    former, radius = work.former, plan.radius
+    former, earlier, radius = work.former, work.earlier, plan.radius
     arounds, outside, beyond_trees = work.around, work.outside, work.beyond
     n_shaded, n_solid, n_weighed = 0, 0, 0
     n = n_own if rules.reshade or n_new > 0 else 0
     packed = _pack_sites(sites, n, local, radius, work.translucency)
     places, sizes, rank, top, mx, my, span = _sort_leaves(n, packed, sin_tent)
-    n = n_others if rules.reshade or other_new or any_moved else 0
+    n = n_others if rules.reshade or n_new_others > 0 or any_moved else 0
     packed = _pack_sites(others, n, center, radius, work.translucency)
     places2, sizes2, rank2, top2, mx2, my2, span2 = _sort_leaves(n, packed, sin_tent)
     at = 0
@@ -638,7 +658,11 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
         by_own = rules.reshade or (
             n_new > 0 and _is_concerned(s, fresh, n_new, local, former, radius, concern, rise)
         )
-        by_others = any_other and (rules.reshade or other_new or went)
+        by_others = any_other and (
+            rules.reshade
+            or went
+            or _is_concerned(s, new_others, n_new_others, center, earlier, radius, concern, rise)
+        )
         solid = any_plane or any_mesh or _can_shade(bounds, bright, x, y, z)
         by_solids = (rules.relight or went) and (solid or lit[s])
         if not (by_own or by_others or by_solids or rules.reweigh):
@@ -701,9 +725,7 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
         if solid:
             n_solid += 1
             finer[:] = np.float32(1.0)
-            _shade_obstacles(
-                x, y, z, planes, balls, boxes, fine[0], fine[1], fine[2], blur, tent, finer
-            )
+            _shade_obstacles(x, y, z, planes, balls, boxes, fine[0], fine[1], fine[2], blur, tent, finer)
             _see_past(finer, trans)
         if any_mesh:
             _see_past(seen[s - a], trans)
@@ -711,9 +733,7 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
         if rules.first:
             _first_light(s, sky.weight, trans, around, work.amount, work.shift)
         else:
-            shifted[s] = _read_light(
-                s, weight, trans, around, plan.amount, plan.toward, amount, shift
-            )
+            shifted[s] = _read_light(s, weight, trans, around, plan.amount, plan.toward, amount, shift)
     work.counts[0] += n_shaded
     work.counts[1] += n_solid
     work.counts[2] += n_weighed
@@ -730,6 +750,7 @@ def make_room(sky, n_sites):
         np.empty(BATCH, np.uint32),
         np.empty(GROUP * BATCH + GROUP, np.uint16),
         _aligned_room(n_cells),
+        np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
@@ -810,6 +831,7 @@ def prune(plan, work, rules, tree, season, event):
     if fell:
         work.affected[tree] = True
         work.fallen[tree] = True
+        work.news[tree] = True
         for i in range(first, last):
             p = parent[i]
             if p >= 0 and death[i] == ALIVE and death[p] != ALIVE:
@@ -879,7 +901,9 @@ def _is_inside(solids, x, y, z):
 def begin(plan, work, solids):
     """Nothing has changed yet in this run; which trees have a foot in an obstacle."""
     work.affected[:] = False
-    work.fallen[:] = False
+    for tree in range(work.fallen.size):
+        work.news[tree] = work.fallen[tree]  # what died in the last run may live in this one
+        work.fallen[tree] = False
     work.counts[:] = 0
     for tree in range(work.buried.size):
         work.buried[tree] = False
@@ -904,6 +928,7 @@ def reset(plan, work):
     work.around[:] = plan.around
     work.shift[:] = 0.0
     work.lit[:] = False
+    work.fallen[:] = False
     for s in range(work.living.size):
         work.living[s] = plan.seat_first[s + 1] - plan.seat_first[s]
 
@@ -921,6 +946,7 @@ def let_die(plan, work, tree, season, nodes, event):
             work.cause[i] = work.cause[p]
     work.affected[tree] = True
     work.fallen[tree] = True
+    work.news[tree] = True
 
 
 @_jit

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,6 +192,13 @@ class Adapted:
         )
 
     @cached_property
+    def _solids(self) -> tuple[Any, list[TriangleMesh]]:
+        """The scene's obstacles as the kernels want them, and its meshes."""
+        from plastic.stand import pack_solids
+
+        return pack_solids(self.scene.obstacles)
+
+    @cached_property
     def _hulls(self) -> list[NDArray[np.float64] | None]:
         """Vertices of each of the tree's clusters; None for those that are gone."""
         if not self.state.has_leaves:
@@ -213,11 +220,11 @@ class Adapted:
     ) -> NDArray[np.float64] | None:
         """A hull as obstacles leave it; None if that is next to nothing."""
         from plastic import _plastic_kernels as kernels
-        from plastic.stand import pack_solids, turn_matrix
+        from plastic.stand import turn_matrix
 
         if not self.scene.obstacles or not len(vertices):
             return vertices
-        solids, meshes = pack_solids(self.scene.obstacles)
+        solids, meshes = self._solids
         turn, shift = np.eye(3), np.zeros(3)
         if self.placed is not None:
             turn, shift = turn_matrix(self.placed.turn), self.placed.position

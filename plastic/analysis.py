@@ -369,6 +369,7 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
         changed=np.zeros(s, bool),
         moved=np.zeros(s, bool),
         former=plan.center.copy(),
+        earlier=plan.center.copy(),
         amount=plan.amount.copy(),
         shift=np.zeros((s, 3)),
         shifted=np.zeros(s, bool),
@@ -381,6 +382,7 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
         carried=np.empty(n),
         affected=np.zeros(k, bool),
         fallen=np.zeros(k, bool),
+        news=np.zeros(k, bool),
         buried=np.zeros(k, bool),
         counts=np.zeros(4, np.int64),
     )

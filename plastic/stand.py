@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -301,13 +302,13 @@ def pack_solids(obstacles: Sequence[Obstacle]) -> tuple[Any, list[TriangleMesh]]
     boxes.sort()
     bounds = [row[:4] for row in balls]
     bounds += [(*row[:3], math.sqrt(sum(half * half for half in row[12:15]))) for row in boxes]
-    packed = kernels.Solids(
-        np.array(sorted(planes)).reshape(-1, 7),
-        np.array(balls).reshape(-1, 5),
-        np.array(boxes).reshape(-1, 16),
-        np.array(bounds).reshape(-1, 4),
-    )
-    return packed, meshes
+    rows = ((sorted(planes), 7), (balls, 5), (boxes, 16), (bounds, 4))
+    return kernels.Solids(*(np.array(r) if r else _no_rows(width) for r, width in rows)), meshes
+
+
+@lru_cache(maxsize=8)
+def _no_rows(width: int) -> NDArray[np.float64]:
+    return np.empty((0, width))
 
 
 def _key(solids: Any) -> tuple[bytes, ...]:
