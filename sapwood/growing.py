@@ -48,6 +48,7 @@ WALL_MARGIN = (
     0.15  # how far the piece of an endless wall that is drawn reaches past the trees, in their height
 )
 WALL_THICKNESS = 0.2  # metres, as drawn
+UPRIGHT = 1e-9  # height of the normal of a half-space that is drawn as a wall
 LEAF_STREAM = 1  # of the seeds spawned from the tree's: leaves do not change what grows
 
 
@@ -232,12 +233,11 @@ def as_cluster_tree(tree: GrownTree, leaves: Any = None, species: Species | None
     return ClusterTree(tree.tree, clusters, None if species is None else species.name, allometry, np.zeros(3))
 
 
-def obstacle_parts(obstacles: Sequence[Obstacle], trees: Sequence[GrownTree]) -> list[Part]:
-    """Obstacles as they are drawn; of an endless wall the piece beside the trees."""
+def obstacle_parts(obstacles: Sequence[Obstacle], cloud: NDArray[np.float64]) -> list[Part]:
+    """Obstacles as they are drawn; of an endless one the piece beside the points (n, 3) of trees."""
     import render
 
     material = render.Material("wall", WALL_COLOR, alpha=0.5, double_sided=True)
-    cloud = np.concatenate([tree.tree.position for tree in trees])
     return [
         render.Part(f"obstacle_{k}", _obstacle_mesh(obstacle, cloud), material)
         for k, obstacle in enumerate(obstacles)
@@ -251,7 +251,8 @@ def _obstacle_mesh(obstacle: Any, cloud: NDArray[np.float64]) -> Any:
     from treegraph import HalfSpace
 
     if isinstance(obstacle, HalfSpace):
-        obstacle = _piece_of_wall(obstacle, cloud)
+        is_wall = abs(float(obstacle.normal[2])) < UPRIGHT
+        obstacle = (_piece_of_wall if is_wall else _piece_of_plane)(obstacle, cloud)
     solid = obstacle_scene(obstacle, near=cloud[0], reach=1.0)
     corner = solid.vertices[solid.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -274,6 +275,19 @@ def _piece_of_wall(wall: Any, cloud: NDArray[np.float64]) -> Any:
     return make_wall(foot, wall.normal, width=width, height=height, thickness=WALL_THICKNESS)
 
 
+def _piece_of_plane(solid: Any, cloud: NDArray[np.float64]) -> Any:
+    """The part of any other endless plane that is near the trees, as a plate."""
+    from treegraph import Box
+
+    middle = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
+    reach = float(np.ptp(cloud, axis=0).max()) * (1.0 + 2.0 * WALL_MARGIN) + WALL_THICKNESS
+    foot = middle - ((middle - solid.point) @ solid.normal + WALL_THICKNESS / 2) * solid.normal
+    side = np.linalg.svd(solid.normal[None])[2]
+    side[0] = solid.normal
+    side[2] = np.cross(side[0], side[1])
+    return Box(foot, np.array([WALL_THICKNESS, reach, reach]), side.T)
+
+
 def draw_grown(group: Group, path: Path | None = None, *, frame: Group | None = None, **look: Any) -> Any:
     """Draw the tree with its leaves, its neighbours and its obstacles.
 
@@ -294,7 +308,8 @@ def draw_grown(group: Group, path: Path | None = None, *, frame: Group | None = 
     import render
 
     widest = (frame or group).trees
-    more = group.parts() + obstacle_parts(group.obstacles, widest)
+    cloud = np.concatenate([tree.tree.position for tree in widest])
+    more = group.parts() + obstacle_parts(group.obstacles, cloud)
     if frame is not None:
         points = np.concatenate([tree.tree.position for tree in frame.trees])
         empty = render.Mesh(points, np.zeros((0, 3), np.int32), np.zeros_like(points, np.float32))
