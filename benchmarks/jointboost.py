@@ -18,6 +18,8 @@ from benchmarks.class_problems import coded, mixed, projected
 
 N_CLASSES, N_FEATURES, N_PROPERTIES = 12, 220, 10
 TEST_PER_CLASS = 100
+SHARED_CLASSES = (4, 8, 16, 25)
+LEFT_OUT = (0, 3, 6, 9)
 FALSE_REJECTION = 0.05
 Row = dict[str, Any]
 
@@ -64,7 +66,7 @@ def _weighted(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def training() -> list[Row]:
-    """A whole model, calibrated on 5 folds: time to train, size of the file, time for one scan."""
+    """A whole model, calibrated on 10 folds: time to train, size of the file, time for one scan."""
     from classify import encode_model, train_model
 
     x, y = species(50, 1, 0.8)
@@ -88,7 +90,7 @@ def sharing() -> list[Row]:
 
     rows = []
     for name, make, error in (("codes", coded, 0.05), ("discs", projected, 0.08)):
-        for n_classes in (4, 8, 16, 25):
+        for n_classes in SHARED_CLASSES:
             x, y = make(n_classes, 40, 1)
             x_test, y_test = make(n_classes, TEST_PER_CLASS, 2)
             row: Row = {"problem": name, "classes": n_classes}
@@ -212,7 +214,7 @@ def unknown() -> list[Row]:
         x_test, y_test = species(TEST_PER_CLASS, 2, spread)
         junk = np.random.default_rng(0).normal(0.0, 30.0, (200, N_FEATURES))
         found = []
-        for out in (0, 3, 6, 9):
+        for out in LEFT_OUT:
             model = train_model(
                 x[y != out],
                 label_names(y[y != out]),

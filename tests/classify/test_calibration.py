@@ -87,6 +87,11 @@ def test_reliability_by_hand():
     npt.assert_allclose(log_loss(probability, [0, 1, 1, 1, 1]), -np.log([0.7, 0.38, 0.9, 0.5, 1.0]).mean())
 
 
+def test_a_probability_on_the_edge_is_in_the_lower_bin():
+    table = reliability([[0.5, 0.5], [0.25, 0.75], [0.0, 1.0]], [0, 0, 0], n_bins=4)
+    assert table.high.tolist() == [0.5, 0.75, 1.0] and table.count.tolist() == [1, 1, 1]
+
+
 def test_true_probabilities_are_reliable_and_exaggerated_ones_are_not():
     scores, label = drawn(20_000, 5, 1.0)
     true, bold = to_probabilities(scores, 1.0), to_probabilities(scores, 0.25)

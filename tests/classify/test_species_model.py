@@ -95,6 +95,15 @@ def test_what_is_no_tree_is_unknown(model):
     assert nothing.species == (None,) and np.isfinite(nothing.probability).all()
 
 
+def test_a_feature_that_decides_nothing_makes_nobody_unknown():
+    x, y = mixed(20, 3, 4, seed=1)
+    x = np.column_stack([x, np.ones(len(y))])
+    model = train(x, y).model
+    moved = x.copy()
+    moved[:, 4] = 1e6
+    npt.assert_array_equal(model.classify(moved).distance, model.classify(x).distance)
+
+
 def test_training_depends_on_the_seed_and_not_on_threads():
     x, y = mixed(12, seed=1)
     few = BoostSettings(n_rounds=20, max_features=0.3)
