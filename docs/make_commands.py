@@ -126,6 +126,11 @@ JSON_FIELDS = {
     "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than "
     "a third of the separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "
     "[scanning.md](scanning.md).",
+    "compare": "`input` (both), `distance`, `shape`, `geometry`, `structure` (0 to 1), `weights`, `parts` (the "
+    "difference of every descriptor, by `shape` and `geometry`), `matched` (share of each tree's length that has "
+    "a counterpart), `pairs` (`a` and `b`: nodes at which the two runs of branches begin and end, `a_length_m`, "
+    "`b_length_m`, `cost_m2`; most wood first), `picture`, `renderer`. Nodes are counted from 0, of an .swc "
+    "depth-first. What the numbers mean is in [similarity.md](similarity.md).",
     "species list": "`species` (`name`, `latin`, `bytes` of definition and derived file together, "
     "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not be read).",
     "species show": "the facts that are printed, `output`.",

@@ -56,6 +56,19 @@ def grown_trees() -> None:
     save_row("wall.png", [draw_grown(group, azimuth=SIDE, **look).image for group in scenes], columns=3)
 
 
+def two_trees() -> None:
+    """Two trees of one kind, branches that became each other in one colour."""
+    import numpy as np
+
+    from inverse import map_pieces
+    from sapwood.comparing import draw_mapping
+    from species import find_preset, grow
+
+    kind = find_preset("F6b").parameters
+    trees = [grow(kind, 14, rng=np.random.default_rng(seed)).tree for seed in (1, 2)]
+    save_row("mapping.png", [draw_mapping(map_pieces(*trees), size=(720, 576)).image], columns=1)
+
+
 def save_row(name: str, images: list, columns: int) -> None:
     """Write panels of one size as one picture."""
     import numpy as np
@@ -79,6 +92,7 @@ def main() -> None:
                 shrink(Path(folder) / name, FOLDER / name)
                 print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
     grown_trees()
+    two_trees()
 
 
 if __name__ == "__main__":
