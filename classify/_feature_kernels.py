@@ -7,6 +7,7 @@ _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 N_MOMENTS = 10  # points, x, y, z, xx, xy, xz, yy, yz, zz
 SINGLE = 1e-7  # product of the distances to the other two eigenvalues, which have errors of 1e-8
+MAX_STEPS = 1000  # along a branch: a skeleton may be far larger than the tree is high
 N_SHAPE = 11  # points, linearity, planarity, scattering, size, long axis (3), short axis (3)
 
 
@@ -311,15 +312,16 @@ def branch_table(position, radius, start, node, reach):
         out[k, 0], out[k, 1], out[k, 2] = length, straight, chord[2]
         out[k, 3], out[k, 4] = thickest, radius[node[first + 1]]
         bend = 0.0
-        at = reach
-        while at + reach <= length:
-            _on_chain(way, position, first, last, node, at - reach, a)
+        step = max(reach, length / MAX_STEPS)
+        at = step
+        while step > 0.0 and at + step <= length:
+            _on_chain(way, position, first, last, node, at - step, a)
             _on_chain(way, position, first, last, node, at, b)
-            _on_chain(way, position, first, last, node, at + reach, c)
+            _on_chain(way, position, first, last, node, at + step, c)
             turn = _angle(b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - b[0], c[1] - b[1], c[2] - b[2])
             if turn == turn:
                 bend += turn
-            at += reach
+            at += step
         out[k, 6] = bend
         _on_chain(way, position, first, last, node, reach, b)
         b -= position[foot]

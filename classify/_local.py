@@ -38,10 +38,10 @@ class Scale:
 
 
 SCALES = (
-    Scale("fine", 2, False, "3/64 of the tree's size around"),
+    Scale("fine", 3, False, "9/128 of the tree's size around"),
     Scale("medium", 4, False, "3/32 of the tree's size around"),
     Scale("coarse", 8, False, "3/16 of the tree's size around"),
-    Scale("30cm", 2, True, "0.3 m around"),
+    Scale("45cm", 3, True, "0.45 m around"),
     Scale("90cm", 6, True, "0.9 m around"),
 )
 NORMAL_SCALE = "medium"
