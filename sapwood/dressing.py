@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from species.library import Library, Species
     from treegraph import ClusterTree, TreeGraph
 
-__all__ = ["Dressed", "coarser", "dress", "find_kind", "open_library"]
+__all__ = ["Dressed", "coarser", "dress", "find_kind", "open_library", "unknown_kind"]
 
 LEAF_STREAM = 3  # of the seed's random numbers: leaves do not change what else is drawn at random
 DECIMALS = 3
+TOLERANCE = 0.01  # of the leaf area; what is farther off is said
 COARSER = (0.5, 0.2)  # levels of detail below which branches are meshed a step more coarsely
 BEARER_STEP = 0.05  # metres between the points of branches among which those that bear twigs are found
 
@@ -55,6 +56,17 @@ class Dressed:
     def leaf_area(self) -> float:
         """One side of all leaves as they are drawn, m2; 0 in a season without."""
         return 0.0 if self.species.definition.is_bare(self.season) else self.decoded.leaf_area
+
+    @property
+    def remark(self) -> str | None:
+        """One line for the user if the clusters could not be filled as their density asks; else None."""
+        wanted, there = float(self.texture.target.sum()), float(self.texture.leaf_area.sum())
+        if abs(there - wanted) <= TOLERANCE * wanted:
+            return None
+        return (
+            f"twigs of {self.species.name} do not fill these clusters: {there:.3g} m2 of leaves, where their "
+            f"density asks for {wanted:.3g} m2; they are too large, or so small that too many are needed"
+        )
 
     def parts(self) -> tuple[Part, ...]:
         """Wood, twigs and leaves as plain meshes."""
@@ -94,6 +106,11 @@ def open_library(folder: str | os.PathLike[str] | None = None) -> Library:
     if folder is None:
         return builtin_library()
     return Library((Path(folder), *builtin_library().folders))
+
+
+def unknown_kind(tree: ClusterTree) -> str:
+    """What is said of a tree whose species :func:`find_kind` does not know."""
+    return f"there is no species {tree.species!r} in the library; its clusters stay hulls"
 
 
 def find_kind(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -123,13 +124,16 @@ def save(
             leaf_area_m2=None if dressed is None else dressed.figures()["leaf_area_m2"],
             leaves=None if dressed is None else dressed.figures(),
             seconds={**tree.seconds, **clock.seconds},
+            more_notes=_leaf_notes(tree, dressed) if leaves else [],
         )
         (stage.path / f"{tree.name}.json").write_text(to_json(report), encoding="utf-8")
         files = stage.publish(report["files"])
     return Saved(files, report, tuple(notices))
 
 
-def make_report(tree: Reconstruction, *, seconds: dict[str, float], **more: Any) -> dict[str, Any]:
+def make_report(
+    tree: Reconstruction, *, seconds: dict[str, float], more_notes: Sequence[str] = (), **more: Any
+) -> dict[str, Any]:
     """The report of a reconstruction, as JSON takes it; docs/commands.md says what each field is."""
     measures = {key: _rounded(key, value) for key, value in tree.measures.items()}
     report = {
@@ -143,7 +147,7 @@ def make_report(tree: Reconstruction, *, seconds: dict[str, float], **more: Any)
         "origin": [round(value, 4) for value in tree.tree.origin.tolist()],
         "epsg": tree.tree.epsg,
         **more,
-        "notes": list(tree.notes),
+        "notes": [*tree.notes, *more_notes],
         "seconds": {key: round(value, SECONDS_DECIMALS) for key, value in seconds.items()},
         "settings": tree.settings,
         "versions": _versions(),
@@ -166,6 +170,14 @@ def _dress(
     with clock.stage("leaves"):
         kind = find_kind(tree.tree, None, library)
         return None if kind is None else dress(tree.tree, kind, season=season, seed=seed)
+
+
+def _leaf_notes(tree: Reconstruction, dressed: Dressed | None) -> list[str]:
+    from sapwood.dressing import unknown_kind
+
+    if dressed is None:
+        return [] if tree.tree.species is None else [unknown_kind(tree.tree)]
+    return [] if dressed.remark is None else [dressed.remark]
 
 
 def _write_tree(tree: Reconstruction, folder: Path, clock: Clock, dressed: Dressed | None) -> None:

@@ -104,7 +104,7 @@ def dress_for(
     detail: str = "normal",
 ) -> Dressed | None:
     """The tree with the leaves that the options ask for; None for one of no species."""
-    from sapwood.dressing import dress, find_kind, open_library
+    from sapwood.dressing import dress, find_kind, open_library, unknown_kind
 
     if library is not None:
         for fault in open_library(library).faults:
@@ -112,8 +112,11 @@ def dress_for(
     kind = find_kind(tree, species, library)
     if kind is None:
         if tree.species is not None:
-            terminal.note(f"there is no species {tree.species!r} in the library; its clusters stay hulls")
+            terminal.note(unknown_kind(tree))
         elif tree.clusters:
             terminal.note("the tree says no species, so its clusters stay hulls; name one with --species")
         return None
-    return dress(tree, kind, lod=lod, season=season.value, seed=seed, detail=detail)
+    dressed = dress(tree, kind, lod=lod, season=season.value, seed=seed, detail=detail)
+    if dressed.remark is not None:
+        terminal.note(dressed.remark)
+    return dressed

@@ -1,5 +1,7 @@
 """Trees with the leaves of their species: as much leaf as is said, at every level, in every season."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -13,7 +15,7 @@ from sapwood.pipeline import reconstruct
 from sapwood.trees import keep_thickest
 from species.library import build_species, builtin_library, open_species
 from tests.corpus import TREES, realistic_cluster_tree, realistic_tree
-from tests.library_examples import small_species, species_text
+from tests.library_examples import GRAMMAR, small_species, species_text
 from tests.sapwood.sapwood_scans import ROOT, tree_points
 from treegraph import SPECIES_ALLOMETRY, Allometry, ClusterTree
 from treegraph.errors import InputError, TreeError
@@ -137,6 +139,20 @@ def test_clusters_that_are_drawn_as_hulls_do_not_float(scanned):
     assert keep_thickest(scanned, 1.0) is scanned
     bare = keep_thickest(scanned.replace(clusters=()), 0.02)
     assert bare.graph.n_nodes == 1 + np.ceil(0.02 * (scanned.graph.n_nodes - 1))
+
+
+def test_clusters_that_cannot_be_filled_are_remarked_on(tree, rowan):
+    assert dress(tree, rowan).remark is None
+    assert dress(tree.replace(clusters=()), rowan).remark is None
+    giant = small_species(
+        leaf__length=2.0, leaf__width=1.0, branchlets__grammar=GRAMMAR.replace("L(0", "L(2")
+    )
+    dressed = dress(tree.replace(clusters=tree.clusters[:1]), giant, density=0.01)
+    assert dressed.leaf_area == 0.0
+    assert re.fullmatch(
+        r"twigs of Rowan do not fill these clusters: 0 m2 of leaves, where .* asks for .* m2; .*",
+        dressed.remark,
+    )
 
 
 @pytest.mark.parametrize("factor", [0.25, 3.0])

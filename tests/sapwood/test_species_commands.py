@@ -10,6 +10,8 @@ from PIL import Image
 
 import treegraph
 from sapwood import species_pages
+from sapwood.pipeline import reconstruct
+from sapwood.saving import save
 from species.library import building, builtin_library, catalog
 from species.library.packing import unpack_species
 from tests.corpus import realistic_cluster_tree, realistic_tree
@@ -575,3 +577,28 @@ def test_reconstruct_dresses_the_tree(run, scans, mine, tmp_path):
     assert hulls["leaf_area_m2"] is None and hulls["leaves"] is None
     none = run("reconstruct", *common, "-o", "c").json["trees"][0]
     assert none["leaf_area_m2"] is None and none["settings"]["species"] is None
+
+
+def test_what_the_leaves_could_not_fill_is_noted(run, scans, pine, tmp_path):
+    giant = GRAMMAR.replace("L(0", "L(8")
+    add(tmp_path / "mine", name="Giant", also=[], leaf__length=8, leaf__width=6, branchlets__grammar=giant)
+    done = run("sapwood", "decode", pine, "-o", "a.glb", "--species", "giant", "--library", tmp_path / "mine")
+    assert done.code == 0
+    assert done.err.startswith(
+        "note: twigs of Giant do not fill these clusters: 0 m2 of leaves, where their density"
+    )
+    done = run(
+        "reconstruct", scans / "leafy.xyz", "-o", "out", "--no-preview", "--json", "--species", "giant",
+        "--library", tmp_path / "mine",
+    )  # fmt: skip
+    note = done.json["trees"][0]["notes"][-1]
+    assert note.startswith("twigs of Giant do not fill these clusters") and note in done.err
+
+
+def test_a_tree_that_is_saved_without_its_library_says_so(scans, mine, tmp_path):
+    made = reconstruct(scans / "leafy.xyz", species="rowan", library=mine)
+    report = save(made, tmp_path / "out", preview=False).report
+    assert report["leaves"] is None
+    assert report["notes"][-1] == "there is no species 'Rowan' in the library; its clusters stay hulls"
+    again = save(made, tmp_path / "out", preview=False, library=mine, force=True).report
+    assert again["leaves"]["species"] == "Rowan" and again["notes"] == list(made.notes)
