@@ -24,7 +24,7 @@ from recon.dbh import BreastHeight, breast_height, hold_breast_height
 from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
 from recon.preparing import Prepared, PrepareSettings, prepare
-from recon.radii import SMALLEST_RADIUS, final_radii, limit_by_load
+from recon.radii import SMALLEST_RADIUS, carried_points, final_radii, limit_by_load
 from recon.skeleton import Skeleton, base_points, merge_nodes, slice_tree
 from recon.trimming import drop_spurs, drop_unsupported, fit_budget
 from recon.tubes import absorb, coarsen, fit_circles, fit_tubes, polish, reattach
@@ -44,6 +44,7 @@ GUESSED_NOTE = "no wood stands out: the stem is a guess from the foot to the mid
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
+STEM_SHARE = 0.4  # of all points: a node that carries so many is on the main stem
 SPLIT_MARGIN = 3.0  # of `limit_by_load` where wood is told from leaves: bare boughs carry little
 SHRUB_SHARE = 0.008  # ... and it is a leafy shrub, whose foot is no stem
 SHRUB_SPREAD = 0.04  # of the height: what is wider near the foot, among leaves, is no stem
@@ -458,6 +459,14 @@ def build_skeleton(
     return reattach(fit_tubes(xyz, skeleton))
 
 
+def _main_stem(skeleton: Skeleton) -> np.ndarray:
+    """The nodes (n,) bool that a large part of all points hang beyond: wood must be there, seen or not."""
+    carried = carried_points(skeleton)
+    stem = carried >= STEM_SHARE * carried[0]
+    stem[0] = True
+    return stem
+
+
 def _split_off_leaves(
     xyz: np.ndarray, skeleton: Skeleton, gamma: float, settings: EncodeSettings, species_f_s: float
 ) -> tuple[Skeleton, float, np.ndarray]:
@@ -472,7 +481,7 @@ def _split_off_leaves(
         return skeleton, LEAFLESS_F_S, no_group
     radius, _ = final_radii(skeleton, gamma, leafy=True)
     skeleton = replace(skeleton, radius=limit_by_load(skeleton, radius, margin=SPLIT_MARGIN))
-    low = leafy_nodes(xyz, skeleton, factor)
+    low = leafy_nodes(xyz, skeleton, factor) & ~_main_stem(skeleton)
     group = bough_groups(skeleton, low, settings.max_clusters)
     into = np.arange(skeleton.n_nodes)
     into[low] = skeleton.parent[low]

@@ -23,6 +23,15 @@ CARRIED_MARGIN = 1.8  # how much thicker than its share of the crown a branch wi
 STEM_HEIGHT = 1.0  # metres above the foot where the stem is taken that the shares refer to
 
 
+def carried_points(skeleton: Skeleton) -> np.ndarray:
+    """Points that hang on each node and on all beyond it, (n,) int64."""
+    home = skeleton.home[skeleton.home >= 0]
+    carried = np.bincount(home, minlength=skeleton.n_nodes)
+    for i in range(skeleton.n_nodes - 1, 0, -1):
+        carried[skeleton.parent[i]] += carried[i]
+    return carried
+
+
 def limit_by_load(skeleton: Skeleton, radius: np.ndarray, *, margin: float = CARRIED_MARGIN) -> np.ndarray:
     r"""Radii of a tree with leaves, none thicker than what it carries asks for.
 
@@ -48,10 +57,7 @@ def limit_by_load(skeleton: Skeleton, radius: np.ndarray, *, margin: float = CAR
 
     length = tubes.subtree_length(skeleton.parent, skeleton.position)
     onward = tubes.continuations(skeleton.parent, length)
-    home = skeleton.home[skeleton.home >= 0]
-    carried = np.bincount(home, minlength=skeleton.n_nodes)
-    for i in range(skeleton.n_nodes - 1, 0, -1):
-        carried[skeleton.parent[i]] += carried[i]
+    carried = carried_points(skeleton)
     stem = 0
     foot = skeleton.position[0, 2]
     while onward[stem] >= 0 and skeleton.position[stem, 2] < foot + STEM_HEIGHT:

@@ -5,7 +5,8 @@ import numpy.testing as npt
 import pytest
 
 from recon import _tube_kernels as kernels
-from recon.radii import CARRIED_MARGIN, SMALLEST_RADIUS, final_radii, limit_by_load
+from recon.encoding import _main_stem
+from recon.radii import CARRIED_MARGIN, SMALLEST_RADIUS, carried_points, final_radii, limit_by_load
 from recon.skeleton import Skeleton
 
 
@@ -130,3 +131,13 @@ def test_a_load_of_nothing_leaves_the_thinnest_twig():
     assert (limit_by_load(alone, alone.radius) >= SMALLEST_RADIUS).all()
     moved = replace(bare, position=bare.position + [3.0, 4.0, 5.0])
     npt.assert_allclose(limit_by_load(moved, bare.radius), limit_by_load(bare, bare.radius), rtol=1e-9)
+
+
+def test_what_most_points_hang_beyond_is_stem():
+    # 500 points at the top of the stem, 300 on its side branch, 200 below
+    tree = skeleton(
+        [-1, 0, 1, 2, 1], [[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 3], [1, 0, 1]], [0.1] * 5,
+        [0, 200, 100, 400, 300], [1] * 5,
+    )  # fmt: skip
+    assert carried_points(tree).tolist() == [1000, 1000, 500, 400, 300]
+    assert _main_stem(tree).tolist() == [True, True, True, True, False]
