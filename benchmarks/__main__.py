@@ -21,6 +21,7 @@ from benchmarks import (
     skeleton_truth,
     speed,
     stand,
+    texturing,
     wood,
 )
 
@@ -40,6 +41,7 @@ BENCHMARKS = {
     "decoding": decoding,
     "silhouettes": silhouettes,
     "stand": stand,
+    "texturing": texturing,
     "jointboost": jointboost,
 }
 QUICK_LADDER = (100_000, 1_000_000)

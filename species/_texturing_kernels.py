@@ -651,7 +651,7 @@ def grow_to_place(patience, leads_from, patches, docks, room, work, count, sums,
 
 
 @_jit
-def docks_on_tree(vertices, position, parent, radius, seed, wood, target, patches, limits, docks):
+def docks_on_tree(vertices, graph, seeds, wood, target, patches, limits, docks):
     """Put a cluster's seeds, and the points of branches in and next to it, into `docks`: how many.
 
     A seed is taken for as thick as it must be to carry its cluster's leaves (thesis, Eq. 5.6), for at the
@@ -666,8 +666,8 @@ def docks_on_tree(vertices, position, parent, radius, seed, wood, target, patche
     for p in range(patches.radius.size):
         thickest = max(thickest, patches.radius[p])
         whole = max(whole, patches.area[p] + patches.promise[p])
-    needed = thickest * min(1.0, target / max(seed.size, 1) / whole) ** (1.0 / PIPE_EXPONENT)
-    n = seed_docks(position, parent, radius, seed, middle, needed, thickest, docks)
+    needed = thickest * min(1.0, target / max(seeds.size, 1) / whole) ** (1.0 / PIPE_EXPONENT)
+    n = seed_docks(graph[0], graph[1], graph[2], seeds, middle, needed, thickest, docks)
     most_gap = MOST_GAP if n == 0 else np.inf
     n = wood_docks(low, high, wood, needed, thickest, most_gap, docks, n)
     for d in range(n):
@@ -676,11 +676,12 @@ def docks_on_tree(vertices, position, parent, radius, seed, wood, target, patche
 
 
 @_jit
-def fill_cluster(vertices, faces, n_docks, target, patches, docks, seed, limits, inside, out, holder):
+def fill_cluster(hull, graph, seeds, wood, target, patches, docks, seed, limits, inside, out, holder):
     """Texture one cluster: how many instances came into ``out``, and their leaf area in the cluster.
 
-    The first ``n_docks`` of ``docks`` are on the tree. ``limits``: least and most scale. ``inside``:
-    room for the grid. ``out`` (most, 9): patch, position, quaternion, scale. ``holder`` (most,):
+    ``hull``: vertices and faces. ``graph``: position, parent and radius of its nodes; ``seeds``: nodes;
+    ``wood``: points of branches, see `wood_docks`. ``limits``: least and most scale. ``inside``: room for
+    the grid. ``out`` (most, 9): patch, position, quaternion, scale. ``holder`` (most,):
     the instance on which each hangs, -1: the tree.
     """
     work = Work(
@@ -689,7 +690,9 @@ def fill_cluster(vertices, faces, n_docks, target, patches, docks, seed, limits,
     )  # fmt: skip
     count, sums = np.zeros(3, np.int64), np.zeros(5)
     sums[TARGET] = target
-    count[N_DOCKS] = n_docks
+    count[N_DOCKS] = docks_on_tree(hull[0], graph, seeds, wood, target, patches, limits, docks)
+    if count[N_DOCKS] == 0:
+        return 0, 0.0
     smallest, leads_from, leafy = np.inf, np.inf, 0
     for p in range(patches.radius.size):
         if patches.area[p] > 0.0:
@@ -697,7 +700,7 @@ def fill_cluster(vertices, faces, n_docks, target, patches, docks, seed, limits,
             smallest = min(smallest, patches.area[p])
         if patches.lead[p] > 0.0:
             leads_from = min(leads_from, patches.radius[p] * limits[0] / LIKE)
-    room = make_room(vertices, faces, target, patches.area.sum() / leafy, inside)
+    room = make_room(hull[0], hull[1], target, patches.area.sum() / leafy, inside)
     sums[LEAST] = smallest * limits[0] * limits[0]
     rest = smallest * next_random(work.state)  # so that on average small clusters get the right leaf area
     missed, grown = 0, False

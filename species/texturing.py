@@ -327,18 +327,15 @@ def _fill_clusters(
     )  # fmt: skip
     inside = np.empty((kernels.MOST_SIDE + 1) ** 3, bool)
     out, hold = np.empty((MOST_INSTANCES, 9)), np.empty(MOST_INSTANCES, np.int64)
-    graph, wood = tree.graph, _wood_points(tree.graph)
+    nodes = (tree.graph.position, tree.graph.parent, tree.graph.radius)
+    wood = _wood_points(tree.graph)
     rows, holder = [np.empty((0, 9))], [np.empty(0, np.int64)]
     count, inside_area, total = np.zeros(len(target), np.int64), np.zeros(len(target)), 0
     for c in np.flatnonzero(target > 0.0):
         cluster = tree.clusters[c]
-        n_docks = kernels.docks_on_tree(
-            cluster.vertices, graph.position, graph.parent, graph.radius, cluster.seed, wood, target[c],
-            packed, limits, docks,
-        )  # fmt: skip
         n, inside_area[c] = kernels.fill_cluster(
-            cluster.vertices, cluster.faces, n_docks, target[c], packed, docks, _cluster_seed(seed, int(c)),
-            limits, inside, out, hold,
+            (cluster.vertices, cluster.faces), nodes, cluster.seed, wood, target[c], packed, docks,
+            _cluster_seed(seed, int(c)), limits, inside, out, hold,
         )  # fmt: skip
         rows.append(out[:n].copy())
         holder.append(np.where(hold[:n] >= 0, hold[:n] + total, -1))
