@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 #: The sample scans and what their command needs to know: wood alone is a tree without leaves.
 RUNS = [
-    (["samples/itsme_tls_tree2.laz"], []),
+    (["samples/itsme_tls_tree2.laz"], ["--species", "Terminalia"]),
     (["samples/orange_wood.laz", "samples/green_ash_wood.laz"], ["--f-s", "1"]),
 ]
 KINDS = [".lobes", ".glb", ".png", ".cylinders.csv", ".json"]

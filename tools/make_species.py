@@ -1,4 +1,4 @@
-"""Derive the species that come along anew: species/library/kinds/NAME.twigs, those whose definition has changed.
+"""Derive the species that come along anew, those whose definition has changed: species/library/kinds/*.twigs.
 
 ``--all`` derives every one of them, as after a change of the builder.
 """
