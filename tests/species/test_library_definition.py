@@ -328,7 +328,7 @@ TABLE_KEYS = {
 }
 ENTRIES = [key for key, value in ROWAN.items() if not isinstance(value, dict)]
 ENTRIES += [f"{name}__{key}" for name, keys in TABLE_KEYS.items() for key in keys]
-MORE = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+MORE = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 def accepts(text):
