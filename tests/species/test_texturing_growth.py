@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.testing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -259,6 +261,33 @@ def test_droop_and_bend_are_made_good():
     kernels.frame_of(*way, 0.0, frame)
     lands = frame @ middle
     npt.assert_allclose(lands / np.linalg.norm(lands), place / np.linalg.norm(place), atol=1e-12)
+
+
+corners = st.tuples(*[st.floats(-3.0, 3.0)] * 2, st.floats(0.0, 5.0))
+sizes = st.tuples(*[st.floats(0.01, 1.5)] * 3)
+
+
+@given(
+    st.lists(st.tuples(corners, sizes, st.lists(st.integers(0, 4), max_size=3)), max_size=4),
+    st.sampled_from(["simple", "bare links", "ends", "links"]),
+    st.lists(st.booleans(), min_size=5, max_size=5),
+    st.integers(0, 2**32),
+)
+@settings(deadline=None, max_examples=40)
+def test_any_tree_is_filled_without_loose_ends(clusters, kind, unknown, seed):
+    simple = simple_patches()
+    patches = {"ends": simple[:3], "links": simple[3:], "simple": simple}.get(kind) or simple_patches(True)
+    boxes = [(low, np.add(low, size)) for low, size, _ in clusters]
+    tree = make_tree(boxes, seeds=[list(seeds) for _, _, seeds in clusters] or None)
+    radius = np.where(unknown, np.nan, tree.graph.radius)
+    tree = ClusterTree(tree.graph.replace(radius=radius), tree.clusters, None, DEFAULT_ALLOMETRY, np.zeros(3))
+    made = texture(patches, tree, seed)
+    assert np.isfinite(made.leaf_area).all()
+    assert made.leaf_area.sum() <= made.target.sum() * (1.0 + 1e-9)  # or less, where nothing is in reach
+    assert (made.holder < np.arange(len(made.holder))).all()
+    assert attachment_gaps(made, patches, tree).max(initial=0.0) < 1e-6
+    area = pack_patches(patches).leaf_area[made.instances.patch] * made.instances.scale**2
+    npt.assert_allclose(area.sum(), made.leaf_area.sum())
 
 
 # ---------------------------------------------------------------- kernels
