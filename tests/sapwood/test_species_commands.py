@@ -23,7 +23,7 @@ from treegraph import ClusterTree
 def library(tmp_path, monkeypatch):
     """A small library in the place of the one that comes along, a folder of one's own, a cache."""
     monkeypatch.setattr(building, "PICTURE_SIDE", 32)
-    monkeypatch.setattr(species_pages, "SHOWN", 1)
+    monkeypatch.setattr(species_pages, "SHOWN", 2)
     monkeypatch.setattr(catalog, "BUILTIN", tmp_path / "builtin")
     monkeypatch.setenv("SAPWOOD_CACHE", str(tmp_path / "cache"))
     add(tmp_path / "builtin", "oak", name="Oak", latin="Quercus robur", also=["English oak"])
@@ -163,7 +163,7 @@ def test_show_draws_the_species(run, tmp_path):
     assert done.code == 0 and done.json["output"] == "oak.png"
     with Image.open(tmp_path / "oak.png") as image:
         assert image.format == "PNG"
-        check_sheet(np.asarray(image.convert("RGB")), n_pictures=5)
+        check_sheet(np.asarray(image.convert("RGB")), n_pictures=6)
     again = run("sapwood", "species", "show", "oak", "-o", "oak.png")
     assert again.code == 2 and "oak.png: the file exists already" in again.error
 
@@ -223,7 +223,7 @@ def test_build_writes_beside_the_definition(run, mine):
         f"{mine / 'rowan.twigs'}, {mine / 'rowan.png'}\n"
     )
     with Image.open(mine / "rowan.png") as image:
-        check_sheet(np.asarray(image.convert("RGB")), n_pictures=5)
+        check_sheet(np.asarray(image.convert("RGB")), n_pictures=6)
     assert len(unpack_species((mine / "rowan.twigs").read_bytes()).branchlets) == 4
 
 
