@@ -122,6 +122,10 @@ JSON_FIELDS = {
     "grow": "`kind`, `age` (cycles grown), `status` (`grown` or `node limit`), `nodes`, `height_m` and "
     "`leaf_area_m2` of the tree, `trees` (it and its neighbours), `seed`, `files`, `seconds`. Of a .toml "
     "only `kind`, `age` and `files`.",
+    "adapt": "`nodes_before`, `nodes_after`, `pruned`, `mean_shift_m` (of living nodes) of all trees together, of "
+    "the last frame of a path; `trees`, the same for each with `name`, `pruned_by_light`, `pruned_by_obstacles`, "
+    "`clusters_before` and `clusters_after`; `files`, `seed`, `analyse_s` (reading and analysis, once per tree), "
+    "`adapt_s` (all adaptations), `seconds` (the whole command).",
     "scan": "`input`, `output`, `points`, `rays`, `stations` (strips, tracks), `faces` of the scene, "
     "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than "
     "a third of the separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "

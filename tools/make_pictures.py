@@ -69,14 +69,43 @@ def two_trees() -> None:
     save_row("mapping.png", [draw_mapping(map_pieces(*trees), size=(720, 576)).image], columns=1)
 
 
-def save_row(name: str, images: list, columns: int) -> None:
-    """Write panels of one size as one picture."""
+def plastic_trees() -> None:
+    """Two sample scans as they are, beside a high and beside a low wall, and what that changes."""
+    import numpy as np
+
+    import sapwood
+    from plastic import Scene, analyse
+    from sapwood.adapting import Look, cloud_of, draw_adapted
+    from treegraph import make_wall
+
+    images = []
+    for name in ("green_ash_wood", "itsme_tls_tree2"):
+        state = analyse(sapwood.reconstruct(ROOT / "samples" / f"{name}.laz").tree)
+        height, east = np.ptp(state.tree.graph.position[:, 2]), state.tree.graph.position[:, 0].max()
+        walls = [
+            make_wall((0.5 * east, 0, 0), (-1, 0, 0), width=0.9 * height, height=share * height)
+            for share in (1.2, 0.45)
+        ]
+        scenes = [Scene(), *(Scene((wall,)) for wall in walls)]
+        adapted = [state.adapt(scene) for scene in scenes]
+        frame = np.concatenate([cloud_of([tree]) for tree in adapted])
+        frame = np.concatenate([frame, frame * (-1, 1, 1)])
+        more = {"size": (PANEL, round(1.6 * PANEL)), "captions": False, "azimuth": SIDE}
+        for tree, changes in zip([*adapted, adapted[1]], (False, False, False, True), strict=True):
+            look = Look(changes=changes, more=more)
+            images.append(draw_adapted([tree], tree.scene.obstacles, look, frame=frame).image)
+    save_row("plastic.png", images, columns=4, colors=None)
+
+
+def save_row(name: str, images: list, columns: int, *, colors: int | None = 256) -> None:
+    """Write panels of one size as one picture, with so many colours, or with all of them."""
     import numpy as np
 
     rows = [np.concatenate(images[k : k + columns], axis=1) for k in range(0, len(images), columns)]
-    Image.fromarray(np.concatenate(rows)).quantize(256, dither=Image.Dither.NONE).save(
-        FOLDER / name, optimize=True
-    )
+    picture = Image.fromarray(np.concatenate(rows))
+    if colors is not None:
+        picture = picture.quantize(colors, dither=Image.Dither.NONE)
+    picture.save(FOLDER / name, optimize=True)
     print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
 
 
@@ -93,6 +122,7 @@ def main() -> None:
                 print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
     grown_trees()
     two_trees()
+    plastic_trees()
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import typer  # noqa: E402
 
 from sapwood.cli import options as o  # noqa: E402
+from sapwood.cli.adapt import adapt  # noqa: E402
 from sapwood.cli.compare import compare  # noqa: E402
 from sapwood.cli.decode import decode  # noqa: E402
 from sapwood.cli.doctor import doctor  # noqa: E402
@@ -39,6 +40,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "preview": preview,
     "info": info,
     "grow": grow,
+    "adapt": adapt,
     "scan": scan,
     "compare": compare,
     "species list": species_list,
