@@ -81,8 +81,10 @@ def best_split(own_weight, own_signed, set_weight, set_signed, total_weight, tot
             z_below = one_signed[j] + all_signed[j]
             w_above = total_weight - w_below
             z_above = total_signed - z_below
-            both = (z_below * z_below * w_above + z_above * z_above * w_below) / (w_below * w_above)
-            gain[j] = both if (w_below > lightest) & (w_above > lightest) else -1.0
+            two_sided = (w_below > lightest) & (w_above > lightest)
+            divisor = w_below * w_above if two_sided else 1.0
+            both = (z_below * z_below * w_above + z_above * z_above * w_below) / divisor
+            gain[j] = both if two_sided else -1.0
         highest = -1.0
         for j in range(stop - start):
             highest = gain[j] if gain[j] > highest else highest
