@@ -219,7 +219,7 @@ class Adapted:
         self, vertices: NDArray[np.float64], faces: NDArray[np.int32], seats: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """A hull as obstacles leave it; None if that is next to nothing."""
-        from plastic import _plastic_kernels as kernels
+        from plastic import _cut_kernels as cuts
         from plastic.stand import turn_matrix
 
         if not self.scene.obstacles or not len(vertices):
@@ -229,7 +229,7 @@ class Adapted:
         if self.placed is not None:
             turn, shift = turn_matrix(self.placed.turn), self.placed.position
         hull, nodes = vertices @ turn.T + shift, seats @ turn.T + shift
-        moved = kernels.cut_hull(hull, nodes, solids, SHORT)
+        moved = cuts.cut_hull(hull, nodes, solids, SHORT)
         for mesh in meshes:
             moved += _cut_at_mesh(mesh, hull, nodes)
         if not moved:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plastic import _plans
 from plastic.crowns import TAPER, Crown, grow_crown
 from plastic.seasons import Seasons, seasons_of
 from plastic.tropism import Tropisms, invert_tropism, lean_of
@@ -272,7 +273,6 @@ def _empty_plan(
 ) -> Any:
     """What the geometry gives; light and what follows from it are still 0."""
     from plastic import _analysis_kernels as analysis
-    from plastic import _plastic_kernels as kernels
 
     n, s = len(order), len(crown.radius)
     back = np.empty(n + 1, np.int32)
@@ -282,7 +282,7 @@ def _empty_plan(
     n_seats = np.diff(crown.seat_first)
     node_first = np.searchsorted(seasons.birth[order], np.arange(seasons.count + 1)).astype(np.int32)
     site_first = crown.first
-    return kernels.Plan(
+    return _plans.Plan(
         node_first=node_first[None],
         site_first=site_first[None],
         parent=back[graph.parent[order]],
@@ -311,7 +311,6 @@ def _empty_plan(
 @lru_cache(maxsize=64)
 def make_sky(rings: int, sky: Sky) -> Any:
     """The sky's cells as the kernels want them."""
-    from plastic import _plastic_kernels as kernels
     from treegraph import light
 
     cells = light._sky_cells(rings)
@@ -319,16 +318,15 @@ def make_sky(rings: int, sky: Sky) -> Any:
     reach = np.array([light.BLUR * cells.width, light.TENT * cells.width])
     area = 2.0 * math.pi / int(cells.per_ring.sum())
     bright = np.array([*sky.brightest, float(weight[0].max()) / area])
-    return kernels.Sky(cells.grid, cells.fine, weight, reach, bright)
+    return _plans.Sky(cells.grid, cells.fine, weight, reach, bright)
 
 
 @lru_cache(maxsize=128)
 def single_events(seasons: int) -> Any:
     """One tree: an event for each of its seasons."""
-    from plastic import _plastic_kernels as kernels
 
     count = np.arange(seasons, dtype=np.int32)
-    return kernels.Events(
+    return _plans.Events(
         first=np.arange(seasons + 1, dtype=np.int32),
         tree=np.zeros(seasons, np.int32),
         season=count,
@@ -340,26 +338,24 @@ def single_events(seasons: int) -> Any:
 
 def no_solids() -> Any:
     """No obstacles."""
-    from plastic import _plastic_kernels as kernels
 
-    return kernels.Solids(np.empty((0, 7)), np.empty((0, 5)), np.empty((0, 16)), np.empty((0, 4)))
+    return _plans.Solids(np.empty((0, 7)), np.empty((0, 5)), np.empty((0, 16)), np.empty((0, 4)))
 
 
 def fresh_work(plan: Any, *, cells: int) -> Any:
     """Trees as they came in; with `cells` > 0 what their clusters let through is kept."""
-    from plastic import _plastic_kernels as kernels
 
     n, s, k = len(plan.parent), len(plan.radius), plan.node_first.shape[0]
     rows = s if cells else 0
     known = rows and plan.passed.shape == (rows, cells)
     passed = plan.passed.copy() if known else np.zeros((rows, cells), np.float32)
-    return kernels.Work(
+    return _plans.Work(
         position=plan.position.copy(),
         turn=np.empty((n, 9)),
         turned=np.zeros(n, bool),
         valid=np.ones(n, bool),
         dirty=np.zeros(n, bool),
-        death=np.full(n, kernels.ALIVE, np.int32),
+        death=np.full(n, _plans.ALIVE, np.int32),
         cause=np.zeros(n, np.uint8),
         offset=np.empty((s, 3)),
         center=plan.center.copy(),
@@ -394,7 +390,7 @@ def _first_light(plan: Any, settings: AnalysisSettings, sky: Sky) -> tuple[Any, 
 
     cells = make_sky(settings.rings, sky)
     work = fresh_work(plan, cells=len(cells.grid[0]))
-    rules = kernels.Rules(1.0, 0.0, False, True, True, True, True)
+    rules = _plans.Rules(1.0, 0.0, False, True, True, True, True)
     seasons = plan.node_first.shape[1] - 1
     kernels.run(plan, work, single_events(seasons), cells, no_solids(), rules, False)
     known = {"amount": work.amount, "toward": work.shift, "passed": work.passed, "around": work.around}

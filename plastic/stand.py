@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plastic import _plans
 from plastic.adapted import Adapted
 from plastic.analysis import (
     PlasticState,
@@ -172,10 +173,9 @@ def _same_trees(one: tuple[Neighbour, ...], two: tuple[Neighbour, ...]) -> bool:
 
 
 def _rules(scene: Scene, *, reshade: bool, relight: bool, reweigh: bool, rebend: bool) -> Any:
-    from plastic import _plastic_kernels as kernels
 
     relight = relight or reweigh
-    return kernels.Rules(scene.bending, scene.pruning, rebend, reshade, relight, reweigh, False)
+    return _plans.Rules(scene.bending, scene.pruning, rebend, reshade, relight, reweigh, False)
 
 
 def _run_alone(state: PlasticState, scene: Scene) -> Adapted:
@@ -221,6 +221,7 @@ def _run(
     anew: bool = False,
 ) -> None:
     from plastic import _plastic_kernels as kernels
+    from plastic import _site_kernels as sites
 
     if not meshes:
         kernels.run(plan, work, events, cells, solids, rules, anew)
@@ -228,14 +229,14 @@ def _run(
     if anew:
         kernels.reset(plan, work)
     kernels.begin(plan, work, solids)
-    room = kernels.make_room(cells, len(plan.radius))
+    room = sites.make_room(cells, len(plan.radius))
     nothing = np.empty((0, 0), np.float32)
 
     def look(e: int, tree: int, group: int) -> None:
         a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
         seen = _seen_past(meshes, work.center[a:b], cells.fine) if rules.relight or b > a else nothing
         more = rules._replace(relight=True, reweigh=True)
-        kernels.light(plan, work, events, cells, solids, more, seen, tree, group, e, room)
+        sites.light(plan, work, events, cells, solids, more, seen, tree, group, e, room)
 
     for e in range(len(events.first) - 1):
         acting = range(events.first[e], events.first[e + 1])
@@ -244,7 +245,7 @@ def _run(
             if season == 0:
                 look(e, tree, 0)
             _bend_among_meshes(plan, work, solids, rules, tree, season, e, meshes)
-            kernels.place(plan, work, tree, season + 1)
+            sites.place(plan, work, tree, season + 1)
         for a in acting:
             look(e, int(events.tree[a]), int(events.season[a]) + 1)
         for a in acting:
@@ -259,7 +260,7 @@ def _bend_among_meshes(
 
     kernels.bend(plan, work, solids, rules, tree, season, e)
     new = np.arange(plan.node_first[tree, season], plan.node_first[tree, season + 1])
-    new = new[(plan.parent[new] >= 0) & (work.death[new] == kernels.ALIVE)]
+    new = new[(plan.parent[new] >= 0) & (work.death[new] == _plans.ALIVE)]
     if not new.size:
         return
     crossing = np.zeros(len(new), bool)
@@ -281,7 +282,6 @@ def _seen_past(
 
 def pack_solids(obstacles: Sequence[Obstacle]) -> tuple[Any, list[TriangleMesh]]:
     """Obstacles as the kernels want them, in an order of their own; and the meshes."""
-    from plastic import _plastic_kernels as kernels
 
     planes: list[tuple[float, ...]] = []
     balls: list[tuple[float, ...]] = []
@@ -303,7 +303,7 @@ def pack_solids(obstacles: Sequence[Obstacle]) -> tuple[Any, list[TriangleMesh]]
     bounds = [row[:4] for row in balls]
     bounds += [(*row[:3], math.sqrt(sum(half * half for half in row[12:15]))) for row in boxes]
     rows = ((sorted(planes), 7), (balls, 5), (boxes, 16), (bounds, 4))
-    return kernels.Solids(*(np.array(r) if r else _no_rows(width) for r, width in rows)), meshes
+    return _plans.Solids(*(np.array(r) if r else _no_rows(width) for r, width in rows)), meshes
 
 
 @lru_cache(maxsize=8)
@@ -389,7 +389,6 @@ def turn_matrix(turn: float) -> NDArray[np.float64]:
 
 def _align(trees: tuple[Neighbour, ...], plans: list[Any]) -> Any:
     """Events of trees of different ages, which all end at the same time."""
-    from plastic import _plastic_kernels as kernels
 
     lives = [tree.state.seasons.season * tree.state.seasons.count for tree in trees]
     longest = max(lives)
@@ -410,7 +409,7 @@ def _align(trees: tuple[Neighbour, ...], plans: list[Any]) -> Any:
         for _, k, s in acts[first[e] : first[e + 1]]:
             group[e, k] = s + 1
     near_first, near = _pairs(plans)
-    return kernels.Events(
+    return _plans.Events(
         first,
         np.array([act[1] for act in acts], np.int32),
         np.array([act[2] for act in acts], np.int32),

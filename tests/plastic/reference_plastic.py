@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from plastic import lean_of
-from plastic._plastic_kernels import GRAIN, STEP
+from plastic._plans import GRAIN, STEP
 from species._growth_kernels import blocked
 from treegraph import Ball, Box, HalfSpace, Leaves, Occluders, gather_light
 
