@@ -236,10 +236,11 @@ def _bearers(graph: TreeGraph, texture: Texture) -> NDArray[np.int64]:
 
 @lru_cache(maxsize=32)
 def _table(species: Species) -> PatchTable:
-    from render.dressing import leaf_share
+    from render.dressing import blade_of, leaf_share
     from species import pack_patches
 
-    return pack_patches(species.patches, leaf_share=leaf_share(species))
+    bend = blade_of(species).bend
+    return pack_patches(species.patches, leaf_share=leaf_share(species), leaf_bend=bend)
 
 
 @lru_cache(maxsize=16)

@@ -21,7 +21,7 @@ Where = Annotated[
 ]
 Sheet = Annotated[
     Path | None,
-    o.option(o.OUTPUT, "--output", "-o", metavar="FILE.png", help="Draw its contact sheet."),
+    o.option(o.OUTPUT, "--output", "-o", metavar="FILE", help="Contact sheet (.png) or definition (.toml)."),
 ]
 NoSheet = Annotated[bool, o.option(o.OUTPUT, "--no-sheet", help="Do not draw the contact sheet.")]
 
@@ -87,25 +87,32 @@ def species_show(
     verbose: o.Verbose = False,
     version: o.Version = False,
 ) -> int:
-    """Show what is known of a species; with -o draw its leaves, bark and branchlets.
+    """Show what is known of a species; with -o draw its leaves, bark and branchlets, or copy its definition.
 
     \b
     Example:  sapwood species show willow -o willow.png
+              sapwood species show oak -o my-species/rowan.toml
     """
     from sapwood.dressing import open_library
-    from sapwood.outputs import check_free
+    from sapwood.outputs import check_free, write_whole
     from sapwood.species_pages import species_figures
     from treegraph.errors import InputError
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
+    suffix = "" if output is None else output.suffix.lower()
     if output is not None:
         check_free([output], force=force)
-        if output.suffix.lower() != ".png":
-            raise InputError(f"{output}: the name of a contact sheet must end in .png.")
+        if suffix not in (".png", ".toml"):
+            raise InputError(
+                f"{output}: the name must end in .png (a contact sheet) or .toml (the definition)."
+            )
     species = open_library(library).load(name)
     figures = species_figures(species)
-    if output is not None:
+    if output is not None and suffix == ".png":
         _draw(terminal, species, output, renderer.value, force)
+    elif output is not None:
+        text = species.definition.text
+        write_whole(output, lambda part: part.write_text(text, encoding="utf-8"), force=force)
     for key, value in figures.items():
         if value not in (None, [], ""):
             terminal.result(f"{key:18} {_plain(value)}")

@@ -18,6 +18,8 @@ from tests.corpus import realistic_cluster_tree, realistic_tree
 from tests.library_examples import GRAMMAR, species_text
 from treegraph import ClusterTree
 
+ENDS = "the name must end in .png (a contact sheet) or .toml (the definition)."
+
 
 @pytest.fixture(autouse=True)
 def library(tmp_path, monkeypatch):
@@ -190,9 +192,12 @@ def check_sheet(sheet, n_pictures):
         (["oka"], "there is no species 'oka'; did you mean 'Oak'?"),
         (["quercus-rubur"], "there is no species 'quercus-rubur'; did you mean 'Quercus robur' (Oak)?"),
         (["zzz"], "there is no species 'zzz'; there are Oak, Pine"),
-        (["oak", "-o", "oak.jpg"], "oak.jpg: the name of a contact sheet must end in .png."),
+        (
+            ["oak", "-o", "oak.jpg"],
+            "oak.jpg: " + ENDS,
+        ),
         (["oak", "-o", "."], ".: this is a folder; name a file to write."),
-        (["oak", "-o", "no/way/oak.jpeg"], "no/way/oak.jpeg: the name of a contact sheet must end in .png."),
+        (["oak", "-o", "no/way/oak.jpeg"], "no/way/oak.jpeg: " + ENDS),
     ],
 )
 def test_what_show_refuses(run, arguments, text):
@@ -602,3 +607,12 @@ def test_a_tree_that_is_saved_without_its_library_says_so(scans, mine, tmp_path)
     assert report["notes"][-1] == "there is no species 'Rowan' in the library; its clusters stay hulls"
     again = save(made, tmp_path / "out", preview=False, library=mine, force=True).report
     assert again["leaves"]["species"] == "Rowan" and again["notes"] == list(made.notes)
+
+
+def test_a_definition_is_copied_to_start_from(run, tmp_path):
+    oak = builtin_library().find("Oak").text
+    done = run("sapwood", "species", "show", "english oak", "-o", "mine.toml")
+    assert done.code == 0, done.err
+    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == oak
+    again = run("sapwood", "species", "show", "oak", "-o", "mine.toml")
+    assert again.code == 2 and "--force" in again.err
