@@ -8,6 +8,7 @@ from benchmarks import (
     data,
     dbh,
     decoding,
+    features,
     grown_truth,
     growth,
     jointboost,
@@ -22,6 +23,7 @@ from benchmarks import (
     speed,
     stand,
     texturing,
+    vote,
     wood,
 )
 
@@ -43,6 +45,8 @@ BENCHMARKS = {
     "stand": stand,
     "texturing": texturing,
     "jointboost": jointboost,
+    "features": features,
+    "vote": vote,
 }
 QUICK_LADDER = (100_000, 1_000_000)
 

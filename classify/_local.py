@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from classify._feature import Feature, Floats, divided, family, mean_of, shares_of, spread_of
+from classify._feature import Feature, Floats, divided, family, mean_of, quantiles_of, spread_of
 from classify._thinned import Grid, TreeView
 
 SAMPLE = 8  # finer cells that a shape is found from: always as many, as few points look flatter than many
 SAMPLES = 2  # shapes of a neighbourhood, at most, of which the mean is taken
 LEAST = 5.0  # finer cells in a neighbourhood whose axes mean something
 PARTS = ("low", "middle", "high")  # thirds of the tree's height
-N_TILTS = 6
-N_PART_TILTS = 4
+TILTS = (10, 25, 50, 75, 90)  # % of directions
+PART_TILTS = (25, 50, 75)
 LOCAL, NORMALS = "local geometry", "normals"
 
 
@@ -75,19 +75,15 @@ FEATURES = (
         for name, text in _PART_KINDS
         for part, word in _WORDS
     ),
-    *family(
-        NORMALS, "normal_tilt_{}", "share of normals with |z| in sixth {}, from 0", range(1, N_TILTS + 1)
-    ),
+    *family(NORMALS, "normal_tilt_{}", "|z| that {}% of the normals are below, 0 level, 1 upright", TILTS),
     *(
-        Feature(f"normal_tilt_{k}_{part}", "", NORMALS, f"share of normals with |z| in quarter {k} ({word})")
+        Feature(f"normal_tilt_{k}_{part}", "", NORMALS, f"|z| that {k}% of the normals are below ({word})")
         for part, word in _WORDS
-        for k in range(1, N_PART_TILTS + 1)
+        for k in PART_TILTS
     ),
     *family(NORMALS, "normal_z_{}", "mean |z| of the normals ({})", _WORDS),
     *family(NORMALS, "normal_outwards_{}", "mean |part outwards| of the normals ({})", _WORDS),
-    *family(
-        NORMALS, "axis_tilt_{}", "share of longest axes with |z| in sixth {}, from 0", range(1, N_TILTS + 1)
-    ),
+    *family(NORMALS, "axis_tilt_{}", "|z| that {}% of the longest axes are below", TILTS),
     *family(NORMALS, "axis_outwards_{}", "mean |part outwards| of the longest axes ({})", _WORDS),
     *family(NORMALS, "axis_rise_fine_{}", "mean rise of the longest axes outwards, fine scale ({})", _WORDS),
     *family(
@@ -217,10 +213,10 @@ def _directions(shapes: Shapes, part: NDArray[np.int64], view: TreeView) -> dict
     away = _outwards(shapes, view)
     normal, axis = np.abs(shapes.normal[:, 2]), np.abs(shapes.axis[:, 2])
     flat = shapes.weight * (1.0 - np.nan_to_num(shapes.scattering))  # how far there is a normal at all
-    out = _tilts("normal_tilt", normal, flat, N_TILTS) | _tilts("axis_tilt", axis, shapes.weight, N_TILTS)
+    out = _tilts("normal_tilt", normal, flat, TILTS) | _tilts("axis_tilt", axis, shapes.weight, TILTS)
     for k, third in enumerate(PARTS):
         mine = part == k
-        out |= _tilts("normal_tilt", normal[mine], flat[mine], N_PART_TILTS, f"_{third}")
+        out |= _tilts("normal_tilt", normal[mine], flat[mine], PART_TILTS, f"_{third}")
         out[f"normal_z_{third}"] = mean_of(normal[mine], flat[mine])
         for name, vector, w in (("normal", shapes.normal, flat), ("axis", shapes.axis, shapes.weight)):
             across = np.abs((vector[:, :2] * away).sum(axis=1))
@@ -228,8 +224,9 @@ def _directions(shapes: Shapes, part: NDArray[np.int64], view: TreeView) -> dict
     return out
 
 
-def _tilts(name: str, z: Floats, weight: Floats, n: int, ending: str = "") -> dict[str, float]:
-    """Shares of directions by |z|, in `n` bins of equal width: all equal where directions are random."""
-    good = np.isfinite(z)
-    row = np.minimum((z[good] * n).astype(np.int64), n - 1)
-    return {f"{name}_{k + 1}{ending}": float(s) for k, s in enumerate(shares_of(row, n, weight[good]))}
+def _tilts(
+    name: str, z: Floats, weight: Floats, percent: tuple[int, ...], ending: str = ""
+) -> dict[str, float]:
+    """Quantiles of |z| of directions: its own percentage for each, where directions are random."""
+    found = quantiles_of(z, tuple(0.01 * p for p in percent), weight)
+    return {f"{name}_{p}{ending}": float(value) for p, value in zip(percent, found, strict=True)}
