@@ -22,12 +22,13 @@ from plastic._site_kernels import light, make_room, place
 from species._growth_kernels import blocked
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)  # 1/0 is inf, as in NumPy; no fastmath
+_jit_fused = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})  # a * b + c in one step
 
 
 # ---------------------------------------------------------------- bending
 
 
-@_jit
+@_jit_fused
 def _turn_between(ax, ay, az, bx, by, bz):
     """Rotation that takes one unit vector to another by the shortest way, row by row."""
     c = ax * bx + ay * by + az * bz
@@ -65,7 +66,7 @@ def _turn_between(ax, ay, az, bx, by, bz):
     )
 
 
-@_jit
+@_jit_fused
 def _grow_segment(i, p, parent_turned, gx, gy, gz, rest, lean, heading, length, turn, position):
     """Eq. 4.6 for one segment: its rest turned with its parent, and the tropisms as they are now."""
     rx, ry, rz = rest[i, 0], rest[i, 1], rest[i, 2]
@@ -116,7 +117,7 @@ def _grow_segment(i, p, parent_turned, gx, gy, gz, rest, lean, heading, length, 
     position[i, 2] = position[p, 2] + reach * bz
 
 
-@_jit
+@_jit_fused
 def _is_near(bounds, x, y, z, reach):
     """Whether a ball around an obstacle comes within reach of a point."""
     for k in range(bounds.shape[0]):
@@ -225,19 +226,12 @@ def weigh_branches(plan, work, tree, season):
 
 
 @_jit
-def _cannot_prune(plan, work, rules, tree, season):
-    """Whether all sites have so much light that no branch can fall, and none has fallen before.
-
-    If no site has less than a share q of its light at the analysis, no psi_s(t) is below q times what it was.
-    """
-    if work.fallen[tree]:
-        return False
-    amount, base = work.amount, plan.amount
-    bar = rules.pruning * plan.slack[tree, season]
-    for s in range(plan.site_first[tree, season + 1], plan.site_first[tree, season + 2]):
-        if amount[s] < bar * base[s]:
-            return False
-    return bar <= 1.0
+def _has_light(a, b, amount, base, share):
+    """Whether no site has less than a share of its light at the analysis."""
+    enough = True
+    for s in range(a, b):
+        enough = enough and amount[s] >= share * base[s]
+    return enough
 
 
 @_jit
@@ -246,8 +240,12 @@ def prune(plan, work, rules, tree, season, event):
 
     From the tips to the root: what falls does not count for what it hung on.
     """
-    if _cannot_prune(plan, work, rules, tree, season):
-        return
+    bar = rules.pruning * plan.slack[tree, season]
+    if not work.fallen[tree] and bar <= 1.0:
+        # if no site has less than a share of its light, no psi_s(t) is below that share of what it was
+        a, b = plan.site_first[tree, season + 1], plan.site_first[tree, season + 2]
+        if _has_light(a, b, work.amount, plan.amount, bar):
+            return
     _seat_light(plan, work, tree, season)
     parent, least, death, cause = plan.parent, plan.least, work.death, work.cause
     gathered, carried = work.gathered, work.carried

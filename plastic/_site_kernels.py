@@ -111,12 +111,11 @@ def place(plan, work, tree, group):
 
 
 @_jit
-def _own_sites(plan, work, tree, group, out, new):
+def _own_sites(a, b, changed, living, out, new):
     """Clusters of a tree that shade each other, and those that are not as before; how many of both."""
     n = 0
     m = 0
-    changed, living = work.changed, work.living
-    for s in range(plan.site_first[tree, group], plan.site_first[tree, group + 1]):
+    for s in range(a, b):
         if changed[s]:
             new[m] = s
             m += 1
@@ -324,7 +323,7 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     cells, finer, cap, hit, pair, trans, sites, fresh, others, new_others = room
     n_own, n_new = 0, 0
     if group > 0:
-        n_own, n_new = _own_sites(plan, work, tree, group, sites, fresh)
+        n_own, n_new = _own_sites(a, b, work.changed, work.living, sites, fresh)
     n_others, n_new_others = 0, 0
     any_other = work.beyond.shape[0] > 0
     if any_other:
@@ -433,7 +432,8 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
             _times(beyond_trees[s], trans)
         if solid:
             n_solid += 1
-            finer[:] = np.float32(1.0)
+            for i in range(np.uint64(finer.size)):
+                finer[i] = np.float32(1.0)
             _shade_obstacles(x, y, z, planes, balls, boxes, fine[0], fine[1], fine[2], blur, tent, finer)
             _see_past(finer, trans)
         if any_mesh:
