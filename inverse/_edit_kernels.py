@@ -100,6 +100,18 @@ def count_runs(parent):
 
 
 @_jit
+def cost_of_thinnest(length, thickness, wanted):
+    """Cost of so many metres of the first pieces."""
+    cost = 0.0
+    for i in range(length.size):
+        if wanted <= length[i]:
+            return cost + wanted * thickness[i]
+        wanted -= length[i]
+        cost += length[i] * thickness[i]
+    return cost
+
+
+@_jit
 def label_runs(parent, foot, head, out):
     """Fill ``out`` with the number of the run to which each piece belongs; the others are left."""
     for k in range(foot.size):

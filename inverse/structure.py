@@ -39,6 +39,9 @@ MOST_PAIRS = 100_000_000
 MOST_RUNS = 20_000_000
 """Most runs of a tree; those of a chain of 6000 pieces."""
 
+ROUNDING = 1e-9
+"""How much a lower bound is lowered, as a share of it, lest rounding lifts it above what it bounds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mapping:
@@ -197,6 +200,25 @@ def edit_tree(pieces: Pieces) -> EditTree:
 def distance_of(one: EditTree, two: EditTree, *, joins: bool = True) -> float:
     """As :func:`structural_distance`, of arrays that are there already."""
     return _normalised(one, two, _fill(one, two, joins)[0])
+
+
+def bounds_of(one: EditTree, two: EditTree) -> tuple[float, float]:
+    """Bounds of the structural distance, in time of the sum of the pieces rather than of the pairs.
+
+    At least the surplus of the longer tree's length has to be paid, at its thinnest; at most both trees are
+    removed.
+    """
+    from inverse import _edit_kernels as kernels
+
+    removal = float(one.whole[0]), float(two.whole[0])
+    larger = max(removal)
+    if not larger > 0.0:
+        return 0.0, 0.0
+    surplus = float(one.length.sum() - two.length.sum())
+    longer = one if surplus > 0.0 else two
+    order = np.argsort(longer.thickness, kind="stable")
+    least = kernels.cost_of_thinnest(longer.length[order], longer.thickness[order], abs(surplus))
+    return least / (2.0 * larger) * (1.0 - ROUNDING), min(sum(removal) / (2.0 * larger), 1.0)
 
 
 def mapping_of(

@@ -1,0 +1,377 @@
+"""Fits: the chain that full evaluation gives, the same on any number of workers, broken off and resumed."""
+
+import json
+import math
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from inverse_trees import grown
+
+from inverse import (
+    AnnealingSettings,
+    EvolutionSettings,
+    compare_trees,
+    describe_tree,
+    fit_trees,
+    guess_parameters,
+    search_space,
+)
+from inverse.annealing import Chain, anneal, propose, start_chain
+from inverse.evolution import Evolution, _adapt, _root, evolve, rank, reflected
+from inverse.prior import first_point
+from inverse.structure import bounds_of, distance_of
+from inverse.trials import BOUNDED, EXACT, Judge, is_no_farther
+from species import find_preset, grow
+from treegraph import InputError, TreeGraph
+
+TARGET = grown("F6b", 8, 1)
+SPACE = search_space(float(np.ptp(TARGET.position[:, 2])))
+QUICK = EvolutionSettings(evaluations=150, samples=4, population=6)
+
+
+def judge(**how):
+    return Judge([TARGET], SPACE, **{"samples": 4, "seed": 7} | how)
+
+
+# ---------------------------------------------------------------- trials
+
+
+def test_trial_is_the_distance_of_grown_trees():
+    """By hand: grow from the same numbers and compare."""
+    one = judge()
+    preset = find_preset("F6b")
+    trial = one.trial(SPACE.encode(preset.parameters, 8), (3, 5))
+    parameters, age = SPACE.decode(trial.point)
+    trees = [grow(parameters, age, rng=np.random.default_rng([7, 3, 5, j])).tree for j in range(4)]
+    want = [compare_trees(TARGET, tree).distance for tree in trees]
+    assert not trial.is_exact
+    npt.assert_allclose(one.settle_all(trial), sum(want))
+    npt.assert_allclose(trial.low, want)
+    assert trial.is_exact
+    assert (one.grown, one.compared) == (4, 4)
+    npt.assert_allclose(one.mean_distance(trial), np.mean(want))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_bounds_hold(seed):
+    one = judge()
+    trial = one.trial(np.random.default_rng(seed).random(25), (0, 1))
+    one.bound(trial, range(4))
+    low, high = trial.low.copy(), trial.high.copy()
+    assert (low <= high).all()
+    one.settle_all(trial)
+    assert (low <= trial.low + 1e-12).all()
+    assert (trial.low <= high + 1e-12).all()
+
+
+def test_bounds_of_the_structure():
+    """Of trees of many kinds and sizes, both ways round."""
+    trees = [
+        grown(kind, age, 1) for kind, age in (("F6b", 4), ("F6b", 9), ("F6d", 9), ("F6a", 6), ("F6e", 7))
+    ]
+    trees.append(TreeGraph([-1], [[0, 0, 0]], [0.1]))
+    edits = [describe_tree(tree).edit for tree in trees]
+    gaps = []
+    for one in edits:
+        for two in edits:
+            low, high = bounds_of(one, two)
+            assert 0.0 <= low <= distance_of(one, two) + 1e-12 <= high + 2e-12
+            gaps.append(low)
+    assert max(gaps) > 0.1
+
+
+def test_several_targets_count_by_their_mean():
+    other = grown("F6b", 8, 2)
+    both = Judge([TARGET, other], SPACE, samples=2, seed=7)
+    alone = [Judge([tree], SPACE, samples=2, seed=7) for tree in (TARGET, other)]
+    point = np.full(25, 0.4)
+    want = np.mean([one.settle_all(one.trial(point, (0, 1))) for one in alone])
+    npt.assert_allclose(both.settle_all(both.trial(point, (0, 1))), want)
+
+
+def test_tree_that_outgrows_the_limit_is_as_far_as_can_be():
+    small = judge(max_nodes=10)
+    trial = small.trial(SPACE.encode(find_preset("F6b").parameters, 20), (0, 1))
+    assert small.settle_all(trial) == 4.0
+    assert small.compared == 0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_decision_is_that_of_the_exact_sums(seed):
+    rng = np.random.default_rng(seed)
+    one = judge()
+    points = rng.random((2, 25))
+    exact = [one.settle_all(one.trial(point, (0, k))) for k, point in enumerate(points)]
+    gap = exact[0] - exact[1]
+    for slack in (0.0, 0.5, max(gap - 1e-4, 0.0), max(gap + 1e-4, 0.0), 4.0):
+        trial, current = (one.trial(point, (0, k)) for k, point in enumerate(points))
+        assert is_no_farther(one, trial, current, slack) == (exact[0] <= exact[1] + slack)
+
+
+def test_decision_takes_no_more_than_it_needs():
+    one = judge()
+    trial, current = (one.trial(np.full(25, x), (0, k)) for k, x in enumerate((0.3, 0.5)))
+    assert is_no_farther(one, trial, current, 4.0 + 1e-6)
+    assert (one.grown, one.compared) == (0, 0)
+
+
+# ---------------------------------------------------------------- annealing
+
+
+def test_temperature():
+    """4 at first, 0 at last, linear between (section 5.4)."""
+    settings = AnnealingSettings()
+    assert (settings.iterations, settings.samples) == (7500, 8)
+    assert settings.temperature(0) == 4.0
+    assert settings.temperature(7499) == 0.0
+    npt.assert_allclose(settings.temperature(7499 / 4), 3.0)
+
+
+def test_lazy_chain_is_the_chain_of_full_evaluation():
+    chains, judges = [], []
+    for lazy in (True, False):
+        judges.append(judge())
+        settings = AnnealingSettings(iterations=60, samples=4, hottest=0.5, report_every=20, lazy=lazy)
+        chains.append(anneal(judges[-1], settings, start_chain(judges[-1], 0)))
+    assert chains[0].to_dict() == chains[1].to_dict()
+    assert 0 < chains[0].accepted < 60
+    assert judges[0].compared < judges[1].compared
+
+
+def test_metropolis_hastings_by_hand():
+    """Accept if u <= (p' / p)^(1 / zeta), p = exp(-sum of distances), Eq. 10 and 11."""
+    one = judge()
+    settings = AnnealingSettings(iterations=25, samples=4, hottest=1.0, report_every=100)
+    chain = start_chain(one, 2)
+    point = np.array(chain.point)
+    total = one.settle_all(one.trial(point, (2, 0)))
+    accepted = 0
+    for i in range(25):
+        rng = np.random.default_rng([7, 2, i])
+        u = 1.0 - rng.random()
+        proposed = propose(point, settings, rng)
+        new = one.settle_all(one.trial(proposed, (2, i + 1)))
+        zeta = 1.0 * (1.0 - i / 24)
+        chance = (math.exp(-new) / math.exp(-total)) ** (1.0 / zeta) if zeta > 0 else float(new <= total)
+        if u <= chance:
+            point, total, accepted = proposed, new, accepted + 1
+    found = anneal(judge(), settings, chain)
+    assert found.accepted == accepted
+    npt.assert_array_equal(found.point, point)
+
+
+def test_proposal_stays_inside_and_is_symmetric():
+    settings = AnnealingSettings(step=0.6, share=0.5)
+    rng = np.random.default_rng(0)
+    points = np.array([propose(np.full(5, 0.05), settings, rng) for _ in range(4000)])
+    assert ((points >= 0.0) & (points <= 1.0)).all()
+    assert ((points != 0.05).any(axis=1)).all()
+    there = np.array([propose(np.array([0.1]), settings, rng)[0] for _ in range(20000)])
+    back = np.array([propose(np.array([0.7]), settings, rng)[0] for _ in range(20000)])
+    npt.assert_allclose((np.abs(there - 0.7) < 0.05).mean(), (np.abs(back - 0.1) < 0.05).mean(), atol=0.012)
+
+
+# ---------------------------------------------------------------- evolution
+
+
+def test_evolution_finds_the_least_of_a_known_function():
+    """An ellipsoid in place of trees: the strategy itself."""
+    aim = np.linspace(0.2, 0.8, 8)
+    run = Evolution(0, np.full(8, 0.5), np.full(8, 0.2))
+    scale = np.linspace(1.0, 30.0, 8)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        root = _root(run.covariance)
+        steps = rng.standard_normal((12, 8)) @ root.T
+        points = run.mean + run.sigma * run.spread * steps
+        order = np.argsort([((scale * (reflected(p) - aim)) ** 2).sum() for p in points])
+        _adapt(run, steps[order], root)
+        run.generation += 1
+    npt.assert_allclose(run.point, aim, atol=1e-4)
+
+
+def test_rank_measures_the_best_with_all_samples_and_the_worst_with_few():
+    one = judge(samples=8)
+    trials = [one.trial(np.random.default_rng(k).random(25), (0, 1)) for k in range(8)]
+    order, cost, best = rank(one, trials)
+    assert sorted(order) == list(range(8))
+    known = [int((trials[k].known == EXACT).sum()) for k in order]
+    assert known == [8, 8, 4, 4, 2, 2, 2, 2]
+    assert cost == sum(known) == one.grown
+    means = [trials[k].low[:2].mean() for k in order]
+    assert means[4:] == sorted(means[4:])
+    npt.assert_allclose(best, np.mean([trials[k].low.mean() for k in order[:2]]))
+
+
+def test_evolution_gets_nearer():
+    """Than the guess that it begins with, by new trees."""
+    one = judge(samples=8, seed=99)
+    guess, _ = first_point(SPACE, one.targets)
+    before = one.mean_distance(one.trial(guess, (0,)))
+    fit = fit_trees([TARGET], settings=EvolutionSettings(evaluations=1200, samples=4, population=10), seed=3)
+    assert fit.distance < before - 0.02
+    assert fit.status == "done"
+    assert 1200 <= fit.evaluations == fit.grown < 1300
+
+
+# ---------------------------------------------------------------- fits
+
+
+def same(one, two):
+    assert one.parameters == two.parameters
+    assert (one.age, one.distance, one.distances, one.curves) == (
+        two.age,
+        two.distance,
+        two.distances,
+        two.curves,
+    )
+
+
+@pytest.mark.parametrize(
+    "method, settings",
+    [("evolution", QUICK), ("annealing", AnnealingSettings(iterations=30, samples=4, report_every=10))],
+)
+def test_same_result_on_any_number_of_workers_and_after_a_break(method, settings, tmp_path):
+    how = {"method": method, "settings": settings, "seed": 5, "runs": 2}
+    whole = fit_trees([TARGET], **how)
+    same(fit_trees([TARGET], workers=3, **how), whole)
+    path = tmp_path / "state.json"
+    stops = []
+
+    def stop(progress):
+        stops.append(progress)
+        if len(stops) == 7:
+            raise KeyboardInterrupt
+
+    import inverse.fitting as module
+
+    patch = pytest.MonkeyPatch()
+    patch.setattr(module, "CHECKPOINT_SECONDS", 0.0)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            fit_trees([TARGET], checkpoint=path, progress=stop, **how)
+        resumed = fit_trees([TARGET], checkpoint=path, **how)
+    finally:
+        patch.undo()
+    same(resumed, whole)
+    done = fit_trees([TARGET], checkpoint=path, **how)
+    same(done, whole)
+    assert done.grown == 0
+
+
+def test_fit_says_what_it_is():
+    fit = fit_trees([TARGET], settings=QUICK, runs=2, fixed={"NLB": 2}, bounds={"BAM": (30, 50)})
+    npt.assert_allclose(fit.distance, min(fit.distances))
+    npt.assert_allclose(fit.distance, (fit.shape + fit.geometry + fit.structure) / 3.0)
+    assert fit.parameters.n_lateral_buds == 2
+    assert 30 <= fit.parameters.branching_angle_mean_deg <= 50
+    assert len(fit.runs) == 2
+    assert "NLB" not in fit.spread
+    npt.assert_allclose(fit.spread["BAM"], np.std([run["BAM"] for run in fit.runs], ddof=1))
+    assert repr(fit).startswith(f"<Fit {fit.distance:.4f} after {fit.age} cycles, 2 runs, ")
+
+
+def test_time_runs_out():
+    fit = fit_trees([TARGET], settings=EvolutionSettings(evaluations=10**9), seconds=0.0)
+    assert fit.status == "stopped"
+    assert 0.0 <= fit.distance <= 1.0
+    assert math.isnan(fit.spread["BAM"])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_guess_is_near(seed):
+    """What a grown tree shows of its parameters: angles, internodes."""
+    kind = find_preset("F6b").parameters
+    guess = guess_parameters([describe_tree(grown("F6b", 11, seed))])
+    assert abs(guess["BAM"] - kind.branching_angle_mean_deg) < 15
+    assert abs(math.log(guess["IBL"] / kind.internode_length)) < 0.4
+    assert set(guess) == {d.symbol for d in SPACE.dimensions}
+
+
+@pytest.mark.parametrize("parent", [[-1, 0], [-1, 0, 0, 0], [-1, 0, 1, 2, 3]])
+def test_guess_of_bare_trees(parent):
+    rng = np.random.default_rng(0)
+    tree = TreeGraph(parent, np.cumsum(rng.random((len(parent), 3)), axis=0), np.full(len(parent), 0.1))
+    guess = guess_parameters([describe_tree(tree)])
+    assert all(math.isfinite(value) for value in guess.values())
+
+
+@pytest.mark.parametrize(
+    "trees, how, match",
+    [
+        ([], {}, "a tree to fit must have some height, got none"),
+        ([TreeGraph([-1], [[0, 0, 0]], [0.1])], {}, "a tree to fit must have some height, got none"),
+        ([TreeGraph([-1, -1], np.eye(3)[:2], [0.1, 0.1])], {}, "must have one root, got 2"),
+        ([TARGET], {"method": "magic"}, "method must be one of annealing, evolution, got 'magic'"),
+        (
+            [TARGET],
+            {"settings": AnnealingSettings()},
+            "settings must be EvolutionSettings with method 'evolution'",
+        ),
+        ([TARGET], {"runs": 0}, "runs must be 1 or more, got 0"),
+        ([TARGET], {"workers": 0}, "samples and workers must be 1 or more, got 8 and 0"),
+        ([TARGET], {"seconds": -1.0}, "seconds must be a finite number >= 0, got -1.0"),
+    ],
+)
+def test_errors(trees, how, match):
+    with pytest.raises(InputError, match=match):
+        fit_trees(trees, **how)
+
+
+@pytest.mark.parametrize(
+    "kind, change, match",
+    [
+        (AnnealingSettings, {"iterations": 0}, "iterations must be a whole number >= 1, got 0"),
+        (AnnealingSettings, {"hottest": -1.0}, "hottest must be a finite number >= 0, got -1.0"),
+        (AnnealingSettings, {"share": 1.5}, "step must be > 0 and share above 0 to 1, got 0.1 and 1.5"),
+        (EvolutionSettings, {"population": 3}, "population must be a whole number >= 4, got 3"),
+    ],
+)
+def test_bad_settings(kind, change, match):
+    with pytest.raises(InputError, match=match):
+        kind(**change)
+
+
+def test_no_targets_or_none_with_length():
+    with pytest.raises(InputError, match="a fit must have at least one tree, got none"):
+        Judge([], SPACE)
+    with pytest.raises(InputError, match="must have some length, but tree 0 has none"):
+        Judge([TreeGraph([-1], [[0, 0, 0]], [0.1])], SPACE)
+
+
+def test_samples_of_judge_and_settings_must_agree():
+    with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
+        anneal(judge(), AnnealingSettings(), start_chain(judge(), 0))
+    with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
+        evolve(judge(), EvolutionSettings(), Evolution(0, np.full(25, 0.5), np.full(25, 0.1)))
+
+
+@pytest.mark.parametrize(
+    "text, match",
+    [
+        ("nonsense", "this is no checkpoint of a fit; remove it"),
+        ("{}", "this is no checkpoint of a fit; remove it"),
+        ('{"fit": {}, "runs": []}', "this checkpoint is of a fit of other trees or settings; remove it"),
+    ],
+)
+def test_bad_checkpoint(tmp_path, text, match):
+    path = tmp_path / "state.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=match):
+        fit_trees([TARGET], settings=QUICK, checkpoint=path)
+
+
+def test_damaged_states(tmp_path):
+    path = tmp_path / "state.json"
+    fit_trees([TARGET], settings=EvolutionSettings(evaluations=1, samples=4, population=4), checkpoint=path)
+    state = json.loads(path.read_text())
+    del state["runs"][0]["mean"]
+    path.write_text(json.dumps(state))
+    with pytest.raises(InputError, match="the state of a run is damaged: KeyError 'mean'"):
+        fit_trees(
+            [TARGET], settings=EvolutionSettings(evaluations=1, samples=4, population=4), checkpoint=path
+        )
+    with pytest.raises(InputError, match="the state of a chain is damaged"):
+        Chain.from_dict({"number": 0})
+    assert BOUNDED < EXACT
