@@ -79,22 +79,25 @@ def voxel_sums(xyz, low, edge, shape, quantum):
 
 @_jit
 def plan_moments(xyz, middle, step, far):
-    """Number of points and sums of x, y, x x, x y, y y, seen from above, in whole steps from the middle.
+    """Number of points and sums of x, y, z, x x, x y, y y in whole steps from the middle.
 
-    Points more than `far` steps away are left out. Sums of whole numbers: the order means nothing.
+    Points more than `far` steps away, seen from above, are left out. Sums of whole numbers: the order means
+    nothing.
     """
-    out = np.zeros(6, np.int64)
+    out = np.zeros(7, np.int64)
     for p in range(xyz.shape[0]):
         dx, dy = (xyz[p, 0] - middle[0]) / step, (xyz[p, 1] - middle[1]) / step
-        if dx * dx + dy * dy > far * far:
+        dz = (xyz[p, 2] - middle[2]) / step
+        if dx * dx + dy * dy > far * far or abs(dz) > far:
             continue
         x, y = np.int64(np.rint(dx)), np.int64(np.rint(dy))
         out[0] += 1
         out[1] += x
         out[2] += y
-        out[3] += x * x
-        out[4] += x * y
-        out[5] += y * y
+        out[3] += np.int64(np.rint(dz))
+        out[4] += x * x
+        out[5] += x * y
+        out[6] += y * y
     return out
 
 

@@ -45,7 +45,7 @@ class Grid:
     count : (m,) int64
         Points in it.
     cell : (m, 3) int64
-        Place of the cell: floor(coordinate / edge), counted from the lowest.
+        Place of the cell: that at the anchor is 0, 0, 0.
     edge : float
         Metres.
     rank : (m,) uint64
@@ -68,31 +68,31 @@ class Grid:
 
         There is an empty row of cells between any two columns, so that neighbours of codes are neighbours.
         """
-        place = self.cell // ratio + 1
+        place = self.cell // ratio
+        place = place - place.min(axis=0) + 1
         shape = place.max(axis=0) + 2
         stride_x, stride_y = int(shape[1] * shape[2]), int(shape[2])
         return place[:, 0] * stride_x + place[:, 1] * stride_y + place[:, 2], stride_x, stride_y
 
 
-def make_grid(xyz: Floats, low: Floats, high: Floats, edge: float) -> Grid:
-    """Put points between two corners into cells whose edges lie at multiples of `edge`.
+def make_grid(xyz: Floats, low: Floats, high: Floats, edge: float, anchor: Floats) -> Grid:
+    """Put points between two corners into cells of which one begins at `anchor`.
 
     The result does not depend on the order of the points: sums are those of whole numbers.
     """
     from classify import _feature_kernels as kernels
 
-    first = np.floor(low / edge)
-    shape = (np.floor(high / edge) - first + 1.0).astype(np.int64)
-    quantum = edge / QUANTA
-    code, sums = kernels.voxel_sums(xyz, first * edge, edge, shape, quantum)
+    first = np.floor((low - anchor) / edge)
+    shape = (np.floor((high - anchor) / edge) - first + 1.0).astype(np.int64)
+    quantum, begin = edge / QUANTA, first * edge + anchor
+    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum)
     order = np.argsort(code)
     code, sums = code[order], sums[order]
-    mean = sums[:, :3] / sums[:, 3:] * quantum + first * edge
+    mean = sums[:, :3] / sums[:, 3:] * quantum + begin
     rest, k = np.divmod(code, shape[2])
     i, j = np.divmod(rest, shape[1])
-    cell = np.stack([i, j, k], axis=1)
-    x, y, z = (cell + first.astype(np.int64)).T
-    rank = kernels.mix((x * KEY + y) * KEY + z)
+    cell = np.stack([i, j, k], axis=1) + first.astype(np.int64)
+    rank = kernels.mix((cell[:, 0] * KEY + cell[:, 1]) * KEY + cell[:, 2])
     return Grid(mean, sums[:, 3].copy(), cell, edge, rank)
 
 
@@ -184,14 +184,14 @@ class TreeView:
 def view_cloud(xyz: Floats) -> TreeView:
     """Look at (n, 3) finite points, n > 0: metres, foot of the trunk at the origin, z up."""
     height = max(float(np.quantile(xyz[:, 2], TOP)), 0.0)
-    middle = np.median(xyz, axis=0)  # holds against strays; the mean does not turn with the axes
-    middle[:2], _ = _plan(xyz, middle, max(height, _width(xyz, middle), METRIC_EDGE))
+    middle = np.median(xyz, axis=0)  # holds against strays; the mean turns with the tree
+    middle, _ = _mean(xyz, middle, max(height, _width(xyz, middle), METRIC_EDGE))
     size = max(height, _width(xyz, middle), METRIC_EDGE)
     xyz, middle = _turned(xyz, middle, size)
     low = np.maximum(xyz.min(axis=0), middle - FAR * size)
     high = np.minimum(xyz.max(axis=0), middle + FAR * size)
-    grid = make_grid(xyz, low, high, size / FINE_CELLS)
-    metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS))
+    grid = make_grid(xyz, low, high, size / FINE_CELLS, middle)
+    metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS), middle)
     share = np.clip(grid.xyz[:, 2] / height, 0.0, 1.0) if height > 0.0 else np.zeros(len(grid.xyz))
     return TreeView(grid, metric, height, size, share)
 
@@ -201,14 +201,14 @@ def _width(xyz: Floats, middle: Floats) -> float:
     return 2.0 * float(np.quantile(np.hypot(xyz[:, 0] - middle[0], xyz[:, 1] - middle[1]), WIDE))
 
 
-def _plan(xyz: Floats, middle: Floats, size: float) -> tuple[Floats, float]:
-    """Mean (2,) of the points, seen from above, without strays, and the heading of their long side."""
+def _mean(xyz: Floats, middle: Floats, size: float) -> tuple[Floats, float]:
+    """Mean (3,) of the points without strays, and the heading of their long side, seen from above."""
     from classify import _feature_kernels as kernels
 
     step = size / PLAN_STEPS
-    n, x, y, xx, xy, yy = kernels.plan_moments(xyz, middle, step, FAR * PLAN_STEPS).astype(np.float64)
+    n, x, y, z, xx, xy, yy = kernels.plan_moments(xyz, middle, step, FAR * PLAN_STEPS).astype(np.float64)
     heading = 0.5 * np.arctan2(2.0 * (xy - x * y / n), (xx - x * x / n) - (yy - y * y / n))
-    return middle[:2] + step * np.array([x, y]) / n, float(heading)
+    return middle + step * np.array([x, y, z]) / n, float(heading)
 
 
 def _turned(xyz: Floats, middle: Floats, size: float) -> tuple[Floats, Floats]:
@@ -218,7 +218,7 @@ def _turned(xyz: Floats, middle: Floats, size: float) -> tuple[Floats, Floats]:
     """
     from classify import _feature_kernels as kernels
 
-    _, heading = _plan(xyz, middle, size)
+    _, heading = _mean(xyz, middle, size)
     cos, sin = np.cos(heading), np.sin(heading)
     if kernels.plan_lean(xyz, middle, size / LEAN_STEPS, FAR * LEAN_STEPS, cos, sin) < 0:
         cos, sin = -cos, -sin

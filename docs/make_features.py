@@ -27,9 +27,10 @@ are enough for the call.
 **Cells, not points.** A scan has many points near the scanner and few elsewhere. The tree's *size* is the
 larger of its height and its width; a grid of 1/64 of the size keeps one point for each filled cell, the mean
 of its points, and these are what is counted. A second grid of 0.1 m is there for what is looked at in
-metres. Both lie along the crown's long side and start at the foot of the trunk. They are the only neighbour
-structure, and all groups use them: a larger box is a run of cells, and the neighbourhood of a place is its
-box with the 26 around it.
+metres. Both lie along the crown's long side and start at the mean of the points, so that they do not turn
+with the axes and do not follow the foot when it is found some centimetres elsewhere. They are the only
+neighbour structure, and all groups use them: a larger box is a run of cells, and the neighbourhood of a
+place is its box with the 26 around it.
 
 **Equal samples.** A few points always look flatter and straighter than many from the same place. Shapes are
 therefore found from 8 cells each, drawn the same way in every scan, and filled boxes are counted as how

@@ -13,6 +13,8 @@ from classify._feature import boxes_hit, divided, mean_of, quantiles_of, ratio_o
 from classify._thinned import make_grid
 from tests.classify.feature_clouds import box_cluster
 
+ZERO = np.zeros(3)
+
 
 def cells_of(cloud, edge):
     """Rows of the cloud in each cell, by the cell's place."""
@@ -33,10 +35,10 @@ def small_cloud(seed=0, n=400, size=(3.0, 2.0, 4.0)):
 @settings(deadline=None, max_examples=50)
 def test_a_grid_has_the_means_and_counts_of_its_cells(seed, n, edge):
     cloud = small_cloud(seed, n)
-    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), edge)
-    expected = cells_of(cloud, edge)
-    first = np.floor(cloud.min(axis=0) / edge).astype(int)
-    places = [tuple(place + first) for place in grid.cell]
+    anchor = np.random.default_rng(seed).normal(size=3)
+    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), edge, anchor)
+    expected = cells_of(cloud - anchor, edge)
+    places = [tuple(place) for place in grid.cell]
     assert places == sorted(expected)
     assert grid.count.tolist() == [len(expected[place]) for place in places]
     means = np.array([cloud[expected[place]].mean(axis=0) for place in places])
@@ -46,7 +48,7 @@ def test_a_grid_has_the_means_and_counts_of_its_cells(seed, n, edge):
 def test_a_grid_of_many_cells_loses_none():
     """The table grows several times on the way."""
     cloud = np.stack(np.meshgrid(*[np.arange(40) + 0.5] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    grid = make_grid(cloud, np.zeros(3), np.full(3, 40.0), 1.0)
+    grid = make_grid(cloud, np.zeros(3), np.full(3, 40.0), 1.0, ZERO)
     assert len(grid.xyz) == 40**3
     npt.assert_allclose(grid.xyz, cloud, atol=1e-4)
     assert len(np.unique(grid.rank)) == 40**3
@@ -54,15 +56,15 @@ def test_a_grid_of_many_cells_loses_none():
 
 def test_points_outside_are_left_out():
     cloud = np.array([[0.5, 0.5, 0.5], [9.0, 0.5, 0.5], [0.5, -3.0, 0.5]])
-    grid = make_grid(cloud, np.zeros(3), np.ones(3), 0.4)
+    grid = make_grid(cloud, np.zeros(3), np.ones(3), 0.4, ZERO)
     assert grid.count.sum() == 1
 
 
 def test_a_cell_keeps_its_rank_in_any_scan():
     cloud = small_cloud(1, 500)
-    whole = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.5)
+    whole = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.5, ZERO)
     part = cloud[cloud[:, 0] > 0.3]
-    half = make_grid(part, part.min(axis=0), part.max(axis=0), 0.5)
+    half = make_grid(part, part.min(axis=0), part.max(axis=0), 0.5, ZERO)
     known = {tuple(place): rank for place, rank in zip(np.floor(whole.xyz / 0.5), whole.rank, strict=True)}
     for place, rank in zip(np.floor(half.xyz / 0.5), half.rank, strict=True):
         assert known[tuple(place)] == rank
@@ -70,7 +72,7 @@ def test_a_cell_keeps_its_rank_in_any_scan():
 
 def test_coarse_cells_are_runs_of_fine_ones_with_room_between():
     cloud = small_cloud(2)
-    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.25)
+    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.25, ZERO)
     code, stride_x, stride_y = grid.coarse(4)
     place = grid.cell // 4
     steps = {dx * stride_x + dy * stride_y + dz for dx, dy, dz in product((-1, 0, 1), repeat=3)}
@@ -103,7 +105,7 @@ def moments_of(xyz):
 @pytest.mark.parametrize("ratio", [1, 2, 3])
 def test_neighbour_sums_are_those_of_27_cells(ratio):
     cloud = small_cloud(3, 150)
-    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.4)
+    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.4, ZERO)
     code, stride_x, stride_y = grid.coarse(ratio)
     cell, own, cell_of = kernels.cell_moments(grid.xyz, np.argsort(code, kind="stable"), code)
     around = kernels.neighbour_sums(cell, own, stride_x, stride_y)
@@ -116,7 +118,7 @@ def test_neighbour_sums_are_those_of_27_cells(ratio):
 @pytest.mark.parametrize("k, parts", [(3, 1), (5, 2), (8, 3)])
 def test_samples_are_the_lowest_ranks_around(k, parts):
     cloud = small_cloud(4, 200)
-    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.3)
+    grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.3, ZERO)
     code, stride_x, stride_y = grid.coarse(2)
     order = grid.by_rank[np.argsort(code[grid.by_rank], kind="stable")]
     cell, _, cell_of = kernels.cell_moments(grid.xyz, order, code)
