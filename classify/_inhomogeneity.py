@@ -2,7 +2,7 @@
 
 Based on: S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", PhD thesis, University of
 Konstanz, 2013, section 3.5.1 ("inhomogeneity of point set, number of main stems").
-Departs from it in: it names them without a rule. Here: dimensions by counting boxes and pairs, pieces,
+Departs from it in: it names them without a rule. Here: boxes and pairs counted at several sizes, pieces,
 gaps, and the groups of cells and the branches of the skeleton that a horizontal plane cuts.
 """
 
@@ -38,7 +38,7 @@ _THIRDS = [(part, f"{part} third of the crown") for part in PARTS]
 FEATURES = (
     *family(
         INHOMOGENEITY,
-        "box_dimension_{}",
+        "box_ratio_{}",
         "log2 of the boxes of {} that 300 cells are in over those twice as large",
         _SIZES,
     ),
@@ -85,7 +85,7 @@ def describe_inhomogeneity(view: TreeView) -> dict[str, float]:
     pairs = [_pairs(np.bincount(row)) for _, row in boxes]
     points = [_pairs(np.bincount(row, view.grid.count)) for _, row in boxes]
     for k, step in enumerate(STEPS):
-        out[f"box_dimension_{step}"] = _log_ratio(hit[k], hit[k + 1])
+        out[f"box_ratio_{step}"] = _log_ratio(hit[k], hit[k + 1])
         out[f"pair_dimension_{step}"] = _log_ratio(pairs[k + 1], pairs[k])
         out[f"point_dimension_{step}"] = _log_ratio(points[k + 1], points[k])
     for ratio, step in zip(RATIOS[1:], STEPS[1:], strict=False):

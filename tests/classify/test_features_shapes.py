@@ -229,8 +229,19 @@ def test_dimensions_of_lines_sheets_and_bodies():
         for step, m in (("1_32", 2), ("1_16", 4)):  # fine cells in the box's edge
             expected = np.log2(((2 * m) ** k - 1) / (m**k - 1))  # near k, for boxes that are filled
             assert vector[f"pair_dimension_{step}"] == pytest.approx(expected, abs=0.25), (k, step)
-    assert describe_scan(wall)["cell_unevenness"] < 0.5
     assert describe_scan(line)["largest_piece_1_16"] == 1.0
+
+
+def test_tufts_are_uneven_and_a_full_crown_is_not():
+    rng = np.random.default_rng(18)
+    full = box(rng, 60_000, [-3.0, -3.0, 0.0], [3.0, 3.0, 8.0])
+    middle = box(rng, 25, [-3.0, -3.0, 0.0], [3.0, 3.0, 8.0])
+    tufts = (middle[:, None] + 0.25 * rng.normal(size=(25, 2400, 3))).reshape(-1, 3)
+    even, uneven = describe_scan(full), describe_scan(tufts + [0.0, 0.0, 0.7])
+    assert uneven["cell_unevenness"] > even["cell_unevenness"] + 0.3
+    assert uneven["point_unevenness"] > even["point_unevenness"] + 0.5
+    assert uneven["box_ratio_1_16"] > even["box_ratio_1_16"]  # fewer, and in heaps
+    assert uneven["crown_fill"] < even["crown_fill"]
 
 
 def test_pieces_of_a_crown_in_two():
