@@ -48,7 +48,7 @@ def make_tree(species: str, seed: int) -> Any:
     share = np.random.default_rng(seed).uniform(*AGES)
     kind = replace(growth, age=max(4, round(share * growth.age)))
     points = scan_case(grow_group(Request(kind, seed)), seed, STEP_DEG)
-    return sapwood.reconstruct(points, species=species, name=f"{species} {seed}").tree
+    return sapwood.reconstruct(points, species=species, name=f"{species} {seed}", base=(0.0, 0.0, 0.0)).tree
 
 
 def draco_bytes(parts: Any) -> int | None:

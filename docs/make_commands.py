@@ -122,21 +122,28 @@ JSON_FIELDS = {
     "grow": "`kind`, `age` (cycles grown), `status` (`grown` or `node limit`), `nodes`, `height_m` and "
     "`leaf_area_m2` of the tree, `trees` (it and its neighbours), `seed`, `files`, `seconds`. Of a .toml "
     "only `kind`, `age` and `files`.",
-    "adapt": "`nodes_before`, `nodes_after`, `pruned`, `mean_shift_m` (of living nodes) of all trees together, of "
-    "the last frame of a path; `trees`, the same for each with `name`, `pruned_by_light`, `pruned_by_obstacles`, "
-    "`clusters_before` and `clusters_after`; `files`, `seed`, `analyse_s` (reading and analysis, once per tree), "
+    "adapt": "`nodes_before`, `nodes_after`, `pruned`, `mean_shift_m` (of living nodes) of all trees "
+    "together, of "
+    "the last frame of a path; `trees`, the same for each with `name`, `pruned_by_light`, "
+    "`pruned_by_obstacles`, "
+    "`clusters_before` and `clusters_after`; `files`, `seed`, `analyse_s` (reading and analysis, once per "
+    "tree), "
     "`adapt_s` (all adaptations), `seconds` (the whole command).",
     "scan": "`input`, `output`, `points`, `rays`, `stations` (strips, tracks), `faces` of the scene, "
     "`n_wood`, `n_leaf`, `n_ground`, `n_other`, `n_mixed` (points whose beam hit surfaces more than "
     "a third of the separation apart), `bytes`, `seed`, `notes`, `seconds`. The columns of the file are in "
     "[scanning.md](scanning.md).",
-    "compare": "`input` (both), `distance`, `shape`, `geometry`, `structure` (0 to 1), `weights`, `parts` (the "
-    "difference of every descriptor, by `shape` and `geometry`), `matched` (share of each tree's length that has "
-    "a counterpart), `pairs` (`a` and `b`: nodes at which the two runs of branches begin and end, `a_length_m`, "
+    "compare": "`input` (both), `distance`, `shape`, `geometry`, `structure` (0 to 1), `weights`, `parts` "
+    "(the "
+    "difference of every descriptor, by `shape` and `geometry`), `matched` (share of each tree's length "
+    "that has "
+    "a counterpart), `pairs` (`a` and `b`: nodes at which the two runs of branches begin and end, "
+    "`a_length_m`, "
     "`b_length_m`, `cost_m2`; most wood first), `picture`, `renderer`. Nodes are counted from 0, of an .swc "
     "depth-first. What the numbers mean is in [similarity.md](similarity.md).",
     "species list": "`species` (`name`, `latin`, `bytes` of definition and derived file together, "
-    "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not be read).",
+    "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not "
+    "be read).",
     "species show": "the facts that are printed, `output`.",
     "species build": "as `species show`, and `files`.",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",

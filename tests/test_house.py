@@ -24,7 +24,21 @@ FORBIDDEN = re.compile(
     r"|files\.pythonhosted\.org|pypi\.org/simple|(?:index|extra-index|registry)[-_]url",
     re.IGNORECASE,
 )
-BINARY = {".twigs", ".laz", ".las", ".png", ".gif", ".jpg", ".glb", ".lobes", ".npz", ".npy", ".e57", ".pcd", ".ply"}
+BINARY = {
+    ".twigs",
+    ".laz",
+    ".las",
+    ".png",
+    ".gif",
+    ".jpg",
+    ".glb",
+    ".lobes",
+    ".npz",
+    ".npy",
+    ".e57",
+    ".pcd",
+    ".ply",
+}
 LARGEST_FILE = 2_000_000  # bytes; what is larger belongs elsewhere
 
 
