@@ -141,6 +141,10 @@ JSON_FIELDS = {
     "`a_length_m`, "
     "`b_length_m`, `cost_m2`; most wood first), `picture`, `renderer`. Nodes are counted from 0, of an .swc "
     "depth-first. What the numbers mean is in [similarity.md](similarity.md).",
+    "fit": "`input` (all trees), `output`, `distance`, `shape`, `geometry`, `structure` (means over 16 new trees "
+    "and the given ones), `age`, `parameters` (by symbol), `distances` (of each run), `runs` (parameters of each), "
+    "`spread` (their standard deviation; null of a single run), `curves` (of each run: evaluations, distance), "
+    "`evaluations`, `grown`, `compared`, `status` (`done` or `stopped`), `seconds`.",
     "species list": "`species` (`name`, `latin`, `bytes` of definition and derived file together, "
     "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not "
     "be read).",

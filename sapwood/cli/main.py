@@ -21,6 +21,7 @@ from sapwood.cli.adapt import adapt  # noqa: E402
 from sapwood.cli.compare import compare  # noqa: E402
 from sapwood.cli.decode import decode  # noqa: E402
 from sapwood.cli.doctor import doctor  # noqa: E402
+from sapwood.cli.fit import fit  # noqa: E402
 from sapwood.cli.grow import grow  # noqa: E402
 from sapwood.cli.info import info  # noqa: E402
 from sapwood.cli.preview import preview  # noqa: E402
@@ -43,6 +44,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "adapt": adapt,
     "scan": scan,
     "compare": compare,
+    "fit": fit,
     "species list": species_list,
     "species show": species_show,
     "species build": species_build,

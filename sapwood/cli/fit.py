@@ -1,0 +1,187 @@
+"""``fit``: the growth parameters whose trees resemble the given ones."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+from sapwood.cli import options as o
+from sapwood.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from inverse import Fit
+    from sapwood.fitting import Budget
+
+SEARCH = "The search"
+
+
+class Method(StrEnum):
+    """Ways of fitting."""
+
+    evolution = "evolution"
+    annealing = "annealing"
+
+
+Trees = Annotated[list[Path], o.argument("TREE", "A tree, .lobes or .swc; or several of one kind.")]
+Output = Annotated[
+    Path,
+    o.option(
+        o.OUTPUT,
+        "--output",
+        "-o",
+        metavar="FILE.toml",
+        help="Growth parameters, for `sapwood grow`.",
+        show_default=False,
+    ),
+]
+BudgetOption = Annotated[
+    str | None,
+    o.option(
+        SEARCH,
+        "--budget",
+        metavar="N|TIME",
+        help="Trees grown and compared per run, or a time for all, as in 90s or 5min. (default: 6000; of "
+        "annealing 60000)",
+    ),
+]
+MethodOption = Annotated[Method, o.option(SEARCH, "--method", help="annealing is the published one.")]
+Runs = Annotated[
+    int,
+    o.option(
+        SEARCH, "--runs", metavar="N", min=1, max=100, help="From different random numbers; the best is kept."
+    ),
+]
+Fixed = Annotated[
+    list[str] | None,
+    o.option(SEARCH, "--fix", metavar="NAME=X", help="A parameter that is not searched; repeatable."),
+]
+Bounds = Annotated[
+    list[str] | None,
+    o.option(SEARCH, "--bounds", metavar="NAME=LOW:HIGH", help="Where it is searched; repeatable."),
+]
+Jobs = Annotated[int, o.option(o.RUN, "--jobs", "-j", metavar="N", min=1, help="Threads.")]
+Checkpoint = Annotated[
+    Path | None,
+    o.option(
+        o.RUN,
+        "--checkpoint",
+        metavar="FILE",
+        help="Keep the state here; if it is there, go on from it. The result is the same.",
+    ),
+]
+
+
+def fit(
+    trees: Trees,
+    output: Output,
+    budget: BudgetOption = None,
+    method: MethodOption = Method.evolution,
+    runs: Runs = 1,
+    fixed: Fixed = None,
+    bounds: Bounds = None,
+    checkpoint: Checkpoint = None,
+    jobs: Jobs = 1,
+    seed: o.Seed = 0,
+    force: o.Force = False,
+    as_json: o.Json = False,
+    quiet: o.Quiet = False,
+    verbose: o.Verbose = False,
+    version: o.Version = False,
+) -> int:
+    """Find growth parameters whose trees resemble a given one.
+
+    \b
+    Example:  sapwood fit out/oak.lobes -o oak.toml --budget 5min
+              sapwood fit a.swc b.swc -o kind.toml --runs 4 --fix NLB=2
+              sapwood grow oak.toml --seed 7 -o brother.glb
+
+    Angles, the distance of forks and the height are read off the trees; from there the search begins.
+    """
+    from sapwood.fitting import format_fit, parse_bounds, parse_budget, parse_fixed
+    from sapwood.outputs import check_free, write_whole
+
+    terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
+    check_free([output], force=force)
+    _check_suffix(output)
+    limits = parse_budget(budget) if budget is not None else None
+    how: dict[str, Any] = {"bounds": parse_bounds(bounds or []), "fixed": parse_fixed(fixed or [])}
+    terminal.warn_of_compiling()
+    start = perf_counter()
+    how |= {"runs": runs, "checkpoint": checkpoint, "workers": jobs, "seed": seed}
+    found = _fit(terminal, trees, limits, method.value, **how)
+    text = format_fit(found, output.stem, trees, method.value, seed)
+    write_whole(output, lambda path: path.write_text(text, encoding="utf-8"), force=force)
+    if found.status == "stopped":
+        terminal.note("time ran out before the search was done")
+    terminal.result(
+        f"{output}: distance {found.distance:.4f} (shape {found.shape:.4f}, geometry {found.geometry:.4f}, "
+        f"structure {found.structure:.4f}), {found.age} cycles, {found.evaluations} evaluations"
+    )
+    _say_json(terminal, trees, output, found, perf_counter() - start)
+    return 0
+
+
+def _fit(terminal: Terminal, paths: list[Path], budget: Budget | None, method: str, **how: Any) -> Fit:
+    from inverse import describe_tree, fit_trees
+    from sapwood.comparing import at_fault, read_graph
+
+    graphs = [read_graph(path) for path in paths]
+    for path, graph in zip(paths, graphs, strict=True):
+        with at_fault(path):
+            describe_tree(graph)
+    with terminal.progress(None, f"{', '.join(map(str, paths))}: fitting") as bar:
+        return fit_trees(
+            graphs,
+            method=method,
+            settings=_settings(method, budget),
+            seconds=None if budget is None else budget.seconds,
+            progress=lambda p: bar.say(
+                f"run {p.run + 1} of {p.runs}, {p.share:.0%}, distance {p.distance:.3f}"
+            ),
+            **how,
+        )
+
+
+def _settings(method: str, budget: Budget | None) -> Any:
+    """The method's, with as many evaluations as the budget has."""
+    from inverse import AnnealingSettings, EvolutionSettings
+
+    evaluations = None if budget is None else budget.evaluations
+    if method == "annealing":
+        samples = AnnealingSettings().samples
+        return (
+            AnnealingSettings() if evaluations is None else AnnealingSettings(max(evaluations // samples, 1))
+        )
+    return EvolutionSettings() if evaluations is None else EvolutionSettings(evaluations)
+
+
+def _check_suffix(output: Path) -> None:
+    from treegraph.errors import InputError
+
+    if output.suffix.lower() != ".toml":
+        raise InputError(f"{output}: the name of fitted parameters must end in .toml.")
+
+
+def _say_json(terminal: Terminal, trees: list[Path], output: Path, found: Fit, seconds: float) -> None:
+    terminal.json(
+        "fit",
+        input=[str(path) for path in trees],
+        output=str(output),
+        distance=found.distance,
+        shape=found.shape,
+        geometry=found.geometry,
+        structure=found.structure,
+        age=found.age,
+        parameters=found.parameters.symbols(),
+        distances=list(found.distances),
+        runs=list(found.runs),
+        spread={key: None if value != value else value for key, value in found.spread.items()},
+        curves=[[list(pair) for pair in curve] for curve in found.curves],
+        evaluations=found.evaluations,
+        grown=found.grown,
+        compared=found.compared,
+        status=found.status,
+        seconds=round(seconds, 3),
+    )
