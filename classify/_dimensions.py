@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from classify._feature import Feature, Floats, boxes_hit, mean_of, ratio_of
+from classify._feature import Feature, Floats, effective_boxes, mean_of, ratio_of
 from classify._thinned import TreeView
 
 if TYPE_CHECKING:
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 DIRECTIONS = 18  # over half a turn in which the crown's width is taken
 EDGES = (0.01, 0.99)  # quantiles between which it is taken: single twigs and strays do not count
 COARSE = 4  # fine cells in the edge of the boxes that area and volume are counted in
-DRAWN, DRAWN_IN_SLAB = (
-    300,
-    100,
-)  # fine cells that are drawn to count boxes: more would say more of the scanner
 BREAST_HEIGHT = 1.3  # metres
 SLABS = ("lower", "middle", "upper")
 DIMENSIONS, SLAB = "dimensions", "slabs"
@@ -52,9 +48,9 @@ _D = [
     ("trunk_width_to_crown_width", "", "trunk width over crown width"),
     ("crown_offset", "m", "horizontal distance of the crown's middle from the foot"),
     ("crown_offset_to_height", "", "the same over height"),
-    ("crown_area", "m2", "area of the crown seen from above, in boxes of 1/16 of the tree's size"),
+    ("crown_area", "m2", "area of the crown from above: effective number of columns of 1/16 of the size"),
     ("crown_area_fill", "", "the same over the area of an ellipse of the crown's widths"),
-    ("filled_volume", "m3", "volume of the boxes of 1/16 of the tree's size that 300 cells are in"),
+    ("filled_volume", "m3", "volume of the tree: effective number of boxes of 1/16 of the size"),
     ("filled_volume_to_cube", "", "the same over the cube of the tree's size"),
     ("crown_fill", "", "the same for the crown alone over its volume as a stack of ellipses"),
     ("crown_profile_volume", "m3", "volume of the crown as a stack of ellipses"),
@@ -69,7 +65,7 @@ _S = [
     ("radius_long_to_height", "", "longer radius over the tree's height"),
     ("radius_short_to_height", "", "shorter radius over the tree's height"),
     ("roundness", "", "shorter over longer radius"),
-    ("fill", "", "volume of the boxes of 1/16 that 100 cells are in over its ellipse"),
+    ("fill", "", "effective number of boxes of 1/16 of the size over those of its ellipse"),
     ("tips", "1/m3", "tips of the skeleton per volume of the slab's elliptic cylinder"),
     ("tip_share", "", "share of the crown's tips of the skeleton in the slab"),
     ("offset_to_height", "", "distance of the slab's middle from the crown's middle over the height"),
@@ -94,10 +90,10 @@ def describe_dimensions(view: TreeView, graph: TreeGraph | None) -> dict[str, fl
     trunk, breast = _trunk_widths(graph, height)
     edge = COARSE * view.grid.edge
     code, _, stride = view.grid.coarse(COARSE)
-    filled = boxes_hit(_counts(code), DRAWN) * edge**3
+    filled = effective_boxes(_counts(code)) * edge**3
     crown_code = code[view.in_crown]
-    crown_filled = boxes_hit(_counts(crown_code), DRAWN) * edge**3
-    area = boxes_hit(_counts(crown_code // stride), DRAWN) * edge**2
+    crown_filled = effective_boxes(_counts(crown_code)) * edge**3
+    area = effective_boxes(_counts(crown_code // stride)) * edge**2
     stack, widest = _stack(view)
     return {
         "height": height,
@@ -219,7 +215,7 @@ def describe_slabs(view: TreeView, graph: TreeGraph | None) -> dict[str, float]:
             "radius_long_to_height": ratio_of(long, view.height),
             "radius_short_to_height": ratio_of(short, view.height),
             "roundness": ratio_of(short, long),
-            "fill": ratio_of(boxes_hit(_counts(code[mine]), DRAWN_IN_SLAB) * box, volume),
+            "fill": ratio_of(effective_boxes(_counts(code[mine])) * box, volume),
             "tips": ratio_of(n_tips, volume),
             "tip_share": ratio_of(n_tips, float(tips.size)),
             "offset_to_height": ratio_of(float(np.hypot(*(at - view.crown_middle))), view.height),

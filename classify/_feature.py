@@ -95,31 +95,29 @@ def quantiles_of(value: Floats, levels: tuple[float, ...], weight: Floats | None
     return np.interp(np.array(levels) * total, place, value[order])
 
 
-def boxes_hit(count: NDArray[np.int64], n: int) -> float:
-    """Boxes that `n` of all things would be in, drawn at random; NaN if there are fewer things.
+def effective_boxes(count: NDArray[np.int64]) -> float:
+    """How many boxes, all equally full, would have two things in one as often as these; NaN without pairs.
 
-    Ecologists call it rarefaction: counts of filled boxes can be compared whatever the number of things is.
+    The number of filled boxes if all hold as many, and fewer if some hold most. In proportion, pairs stay the
+    same when things are lost at random, and so does this; the number of filled boxes does not. (Ecologists
+    know it as the inverse of Simpson's index.)
 
     Parameters
     ----------
     count : (k,) int64
         Things in each box.
-    n : int
-        Things drawn without putting any back, > 0.
 
     Examples
     --------
-    >>> round(boxes_hit(np.array([3, 1]), 2), 3)  # both boxes in 3 of 6 pairs, one in the others
-    1.5
+    >>> round(effective_boxes(np.array([500, 500, 500, 0])), 1)
+    3.0
     """
-    from scipy.special import gammaln
+    pairs = pairs_in(count)
+    total = float(count.sum())
+    return total * (total - 1.0) / pairs if pairs > 0.0 else np.nan
 
-    total = int(count.sum())
-    if total < n:
-        return np.nan
-    size, boxes = np.unique(count[count > 0], return_counts=True)
-    rest = total - size
-    some = rest >= n
-    missed = gammaln(rest[some] + 1) - gammaln(rest[some] - n + 1)
-    missed += gammaln(total - n + 1) - gammaln(total + 1)
-    return float(boxes.sum() - (boxes[some] * np.exp(missed)).sum())
+
+def pairs_in(count: NDArray[np.int64] | Floats) -> float:
+    """Ordered pairs of things in the same box."""
+    count = np.asarray(count, np.float64)
+    return float((count * (count - 1.0)).sum())

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from classify._feature import Feature, Floats, boxes_hit, family, mean_of, ratio_of
+from classify._feature import Feature, effective_boxes, family, mean_of, pairs_in, ratio_of
 from classify._thinned import TreeView
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 RATIOS = (2, 4, 8, 16)  # fine cells in the edges of boxes
 STEPS = ("1_32", "1_16", "1_8")  # of the smaller box of each pair, over the tree's size
-DRAWN, DRAWN_IN_PART = 300, 100  # fine cells that are drawn to count boxes
 N_SECTORS = 12
 N_LAYERS = 8
 PARTS = ("low", "middle", "high")
@@ -36,12 +35,6 @@ _SIZES = [(step, f"{step.replace('_', '/')} of the size") for step in STEPS]
 _THIRDS = [(part, f"{part} third of the crown") for part in PARTS]
 
 FEATURES = (
-    *family(
-        INHOMOGENEITY,
-        "box_ratio_{}",
-        "log2 of the boxes of {} that 300 cells are in over those twice as large",
-        _SIZES,
-    ),
     *family(
         INHOMOGENEITY,
         "pair_dimension_{}",
@@ -60,7 +53,7 @@ FEATURES = (
     *family(
         INHOMOGENEITY,
         "empty_sectors_{}",
-        "share of 12 sectors in each of 8 layers that 100 cells leave empty ({})",
+        "1 less the effective share of filled boxes, 12 sectors by 8 layers ({})",
         _THIRDS,
     ),
     Feature(
@@ -81,11 +74,9 @@ def describe_inhomogeneity(view: TreeView) -> dict[str, float]:
     """How the cells fill the crown, by name."""
     boxes = [np.unique(view.grid.coarse(ratio)[0], return_inverse=True) for ratio in RATIOS]
     out: dict[str, float] = {}
-    hit = [boxes_hit(np.bincount(row), DRAWN) for _, row in boxes]
-    pairs = [_pairs(np.bincount(row)) for _, row in boxes]
-    points = [_pairs(np.bincount(row, view.grid.count)) for _, row in boxes]
+    pairs = [pairs_in(np.bincount(row)) for _, row in boxes]
+    points = [pairs_in(np.bincount(row, view.grid.count)) for _, row in boxes]
     for k, step in enumerate(STEPS):
-        out[f"box_ratio_{step}"] = _log_ratio(hit[k], hit[k + 1])
         out[f"pair_dimension_{step}"] = _log_ratio(pairs[k + 1], pairs[k])
         out[f"point_dimension_{step}"] = _log_ratio(points[k + 1], points[k])
     for ratio, step in zip(RATIOS[1:], STEPS[1:], strict=False):
@@ -95,12 +86,6 @@ def describe_inhomogeneity(view: TreeView) -> dict[str, float]:
     out["point_unevenness"] = _excess(points[1], n_points, n_boxes[1])
     out["cell_unevenness"] = _excess(pairs[2], n_cells, n_boxes[2])
     return out | _sectors(view)
-
-
-def _pairs(count: Floats | NDArray[np.int64]) -> float:
-    """Ordered pairs in the same box: in proportion the same when points are lost at random."""
-    count = np.asarray(count, np.float64)
-    return float((count * (count - 1.0)).sum())
 
 
 def _log_ratio(over: float, under: float) -> float:
@@ -151,8 +136,8 @@ def _sectors(view: TreeView) -> dict[str, float]:
     out = {}
     for k, part in enumerate(PARTS):
         around = table[k].sum(axis=0)
-        out[f"sector_unevenness_{part}"] = _excess(_pairs(around), float(around.sum()), N_SECTORS)
-        out[f"empty_sectors_{part}"] = 1.0 - boxes_hit(table[k].ravel(), DRAWN_IN_PART) / table[k].size
+        out[f"sector_unevenness_{part}"] = _excess(pairs_in(around), float(around.sum()), N_SECTORS)
+        out[f"empty_sectors_{part}"] = 1.0 - effective_boxes(table[k]) / table[k].size
     return out
 
 

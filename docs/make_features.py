@@ -33,9 +33,9 @@ neighbour structure, and all groups use them: a larger box is a run of cells, an
 place is its box with the 26 around it.
 
 **Equal samples.** A few points always look flatter and straighter than many from the same place. Shapes are
-therefore found from 8 cells each, drawn the same way in every scan, and filled boxes are counted as how
-many of them 300 (or 100) cells would be in. Pairs of cells in a box, in proportion, do not change at all
-when points are lost at random.
+therefore found from 8 cells each, drawn the same way in every scan. Filled boxes are not counted, as fewer
+points fill fewer; pairs of cells in one box are, which in proportion do not change when points are lost at
+random. The *effective number* of boxes is how many equally full ones would have as many pairs.
 
 **The crown** begins where the spread of a layer of 1/32 of the height falls below 0.35 of the widest
 layer's, going down from that one. Slabs are those of Stava et al., section 5.1: the mean height of the

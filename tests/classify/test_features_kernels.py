@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import _feature_kernels as kernels
-from classify._feature import boxes_hit, divided, mean_of, quantiles_of, ratio_of, shares_of, spread_of
+from classify._feature import divided, effective_boxes, mean_of, quantiles_of, ratio_of, shares_of, spread_of
 from classify._thinned import make_grid
 from tests.classify.feature_clouds import box_cluster
 
@@ -172,25 +172,25 @@ def test_too_few_points_have_no_shape():
 # ---------------------------------------------------------------- statistics
 
 
-@pytest.mark.parametrize("count, n", [([3, 1], 2), ([4, 2, 1, 1], 3), ([2, 2, 2], 6), ([5], 2), ([1] * 6, 4)])
-def test_boxes_hit_is_the_mean_over_all_draws(count, n):
+@pytest.mark.parametrize("count", [[3, 1], [4, 2, 1, 1], [2, 2, 2], [5], [7, 0, 3]])
+def test_effective_boxes_are_the_inverse_of_the_chance_that_two_share_one(count):
     things = np.repeat(np.arange(len(count)), count)
-    draws = [len(set(draw)) for draw in combinations(things, n)]
-    assert boxes_hit(np.array(count), n) == pytest.approx(np.mean(draws), rel=1e-9)
+    draws = [a == b for a, b in combinations(things, 2)]
+    assert effective_boxes(np.array(count)) == pytest.approx(1.0 / np.mean(draws), rel=1e-12)
 
 
-def test_boxes_hit_is_unknown_for_too_few_things():
-    assert np.isnan(boxes_hit(np.array([2, 1]), 4))
-    assert boxes_hit(np.array([2, 0, 1]), 3) == pytest.approx(2.0)
+def test_no_pairs_no_effective_boxes():
+    assert np.isnan(effective_boxes(np.array([1, 1, 0])))
+    assert np.isnan(effective_boxes(np.zeros(0, np.int64)))
 
 
-def test_boxes_hit_does_not_change_when_things_are_lost_at_random():
+def test_effective_boxes_do_not_change_when_things_are_lost_at_random():
     """What counting the filled boxes does not give."""
     rng = np.random.default_rng(0)
     box = rng.geometric(0.01, 20_000)
     part = box[rng.random(box.size) < 1 / 3]
-    hit, hit_in_part = (boxes_hit(np.bincount(b), 300) for b in (box, part))
-    assert hit_in_part == pytest.approx(hit, rel=0.02)
+    whole, thinned = (effective_boxes(np.bincount(b)) for b in (box, part))
+    assert thinned == pytest.approx(whole, rel=0.05)
     assert np.count_nonzero(np.bincount(part)) < 0.95 * np.count_nonzero(np.bincount(box))
 
 
