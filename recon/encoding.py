@@ -44,6 +44,7 @@ GUESSED_NOTE = "no wood stands out: the stem is a guess from the foot to the mid
 STEM_FLARE = 1.6  # no part of a tree is so much thicker than its stem near the foot ...
 THICKEST_MARGIN = 0.03  # ... plus this, metres
 STEMLESS_SHARE = 0.03  # radius over extent of the thickest branch where no stem stands out
+STEM_ROUNDS = 8  # of smoothing a stem among leaves
 STEM_SHARE = 0.4  # of all points: a node that carries so many is on the main stem
 SPLIT_MARGIN = 3.0  # of `limit_by_load` where wood is told from leaves: bare boughs carry little
 SHRUB_SHARE = 0.008  # ... and it is a leafy shrub, whose foot is no stem
@@ -467,6 +468,29 @@ def _main_stem(skeleton: Skeleton) -> np.ndarray:
     return stem
 
 
+def _hidden_stem(xyz: np.ndarray, skeleton: Skeleton, node: np.ndarray) -> Skeleton:
+    """The skeleton with some nodes (n,) bool, a stem among leaves, in the middle of these, not of tubes.
+
+    Their points hang on them as leaves do and shape nothing any more.
+    """
+    theirs = (skeleton.label >= 0) & node[skeleton.label]
+    label = np.where(theirs, -1, skeleton.label).astype(np.int32)
+    home = skeleton.label[theirs]
+    count = np.bincount(home, minlength=skeleton.n_nodes)
+    total = np.stack([np.bincount(home, x, skeleton.n_nodes) for x in xyz[: theirs.size][theirs].T], axis=1)
+    position, parent = skeleton.position.copy(), skeleton.parent
+    mine = np.flatnonzero(node & (parent >= 0))
+    for i in mine:  # those without points go on from the one before
+        position[i] = total[i] / count[i] if count[i] else position[parent[i]]
+    after = np.full(skeleton.n_nodes, -1)
+    after[parent[mine]] = mine
+    for _ in range(STEM_ROUNDS):
+        for i in mine:
+            ends = position[parent[i]] + position[after[i] if after[i] >= 0 else i]
+            position[i] = 0.5 * position[i] + 0.25 * ends
+    return replace(skeleton, position=position, label=label, is_tube=skeleton.is_tube & ~node)
+
+
 def _split_off_leaves(
     xyz: np.ndarray, skeleton: Skeleton, gamma: float, settings: EncodeSettings, species_f_s: float
 ) -> tuple[Skeleton, float, np.ndarray]:
@@ -481,7 +505,9 @@ def _split_off_leaves(
         return skeleton, LEAFLESS_F_S, no_group
     radius, _ = final_radii(skeleton, gamma, leafy=True)
     skeleton = replace(skeleton, radius=limit_by_load(skeleton, radius, margin=SPLIT_MARGIN))
-    low = leafy_nodes(xyz, skeleton, factor) & ~_main_stem(skeleton)
+    leafy, stem = leafy_nodes(xyz, skeleton, factor), _main_stem(skeleton)
+    low = leafy & ~stem
+    skeleton = _hidden_stem(xyz, skeleton, leafy & stem)
     group = bough_groups(skeleton, low, settings.max_clusters)
     into = np.arange(skeleton.n_nodes)
     into[low] = skeleton.parent[low]

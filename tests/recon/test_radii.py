@@ -5,7 +5,7 @@ import numpy.testing as npt
 import pytest
 
 from recon import _tube_kernels as kernels
-from recon.encoding import _main_stem
+from recon.encoding import _hidden_stem, _main_stem
 from recon.radii import CARRIED_MARGIN, SMALLEST_RADIUS, carried_points, final_radii, limit_by_load
 from recon.skeleton import Skeleton
 
@@ -141,3 +141,17 @@ def test_what_most_points_hang_beyond_is_stem():
     )  # fmt: skip
     assert carried_points(tree).tolist() == [1000, 1000, 500, 400, 300]
     assert _main_stem(tree).tolist() == [True, True, True, True, False]
+
+
+def test_a_stem_among_leaves_stands_in_their_middle():
+    """Tubes that were fitted to leaves had put two nodes far outside of them."""
+    rng = np.random.default_rng(2)
+    position = np.array([[0, 0, 0], [0, 0, 1], [5, 0, 2], [0, -7, 3.0]])
+    tree = skeleton([-1, 0, 1, 2], position, [0.1] * 4, [50, 50, 400, 400], [1] * 4)
+    xyz = np.repeat([[0, 0, 0], [0, 0, 1], [0.2, 0, 2], [0, 0.2, 3.0]], tree.n_points, axis=0)
+    xyz += rng.normal(0.0, 0.1, xyz.shape)
+    stem = _hidden_stem(xyz, tree, np.array([False, False, True, True]))
+    npt.assert_array_equal(stem.position[:2], position[:2])
+    assert np.abs(stem.position[2:, :2]).max() < 0.25 and (np.diff(stem.position[:, 2]) > 0.3).all()
+    assert (stem.label >= 0).sum() == 100 and (stem.home == tree.home).all()
+    assert stem.is_tube.tolist() == [True, True, False, False]
