@@ -485,9 +485,8 @@ def _hidden_stem(xyz: np.ndarray, skeleton: Skeleton, node: np.ndarray) -> Skele
     after = np.full(skeleton.n_nodes, -1)
     after[parent[mine]] = mine
     for _ in range(STEM_ROUNDS):
-        for i in mine:
-            ends = position[parent[i]] + position[after[i] if after[i] >= 0 else i]
-            position[i] = 0.5 * position[i] + 0.25 * ends
+        for i in mine[after[mine] >= 0]:
+            position[i] = 0.5 * position[i] + 0.25 * (position[parent[i]] + position[after[i]])
     return replace(skeleton, position=position, label=label, is_tube=skeleton.is_tube & ~node)
 
 
