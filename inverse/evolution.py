@@ -6,8 +6,9 @@ on the distance of O. Stava et al., "Inverse Procedural Modeling of Trees", Comp
 
 Departs from it in: points are reflected at the bounds. All points of a generation grow from the same random
 numbers, so that they differ by their parameters alone; all are measured with a quarter of the samples, the
-better half with half of them, the best quarter with all (successive halving), and the rest are ranked behind
-by what is known.
+better half with half of them, the best quarter with all (successive halving). Of those that are left out
+nothing
+more is found than that they are farther.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inverse.trials import Judge, Trial
+from inverse.trials import EXACT, Judge, Trial
 from treegraph import InputError
 
 __all__ = ["Evolution", "EvolutionSettings", "evolve"]
+
+FIRST_SIGMA = 0.4  # of the standard deviations that the guess comes with
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,10 @@ class EvolutionSettings:
     ----------
     evaluations : int, default 6000
         Trees grown and compared; the generation that reaches it is the last.
-    samples : int, default 8
-        Trees grown per point at most, 4 or more.
-    population : int, default 16
+    samples : int, default 4
+        Trees grown per point at most, 4 or more: on so small a budget more points tell more than more trees
+        of each.
+    population : int, default 14
         Points per generation, 4 or more.
 
     Raises
@@ -46,8 +50,8 @@ class EvolutionSettings:
     """
 
     evaluations: int = 6000
-    samples: int = 8
-    population: int = 16
+    samples: int = 4
+    population: int = 14
 
     def __post_init__(self) -> None:
         for name, least in (("evaluations", 1), ("samples", 4), ("population", 4)):
@@ -81,7 +85,7 @@ class Evolution:
     number: int
     mean: NDArray[np.float64]
     spread: NDArray[np.float64]
-    sigma: float = 1.0
+    sigma: float = FIRST_SIGMA
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
     path_sigma: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     path_c: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -181,15 +185,29 @@ def rank(judge: Judge, trials: list[Trial]) -> tuple[list[int], int, float]:
     order: list[int] = []
     for share, kept in ((4, 2), (2, 4), (1, 0)):
         wanted = max(n // share, 1)
-        judge.settle_many([(trials[k], j) for k in alive for j in range(done, wanted)])
+        cut = math.ceil(len(trials) / kept) if kept else len(alive)
+        alive = _nearest(judge, trials, alive, wanted, len(alive) if done else cut)
         cost += len(alive) * (wanted - done)
         done = wanted
-        alive.sort(key=lambda k: (float(trials[k].low[:done].sum()), k))
-        cut = math.ceil(len(trials) / kept) if kept else len(alive)
         order = alive[cut:] + order
         alive = alive[:cut]
     best = float(np.mean([trials[k].low.mean() for k in alive]))
     return alive + order, cost, best
+
+
+def _nearest(judge: Judge, trials: list[Trial], alive: list[int], samples: int, exact: int) -> list[int]:
+    """Trials in order of their first samples' distances; the nearest are exact, the rest are farther."""
+    judge.bound((trials[k], j) for k in alive for j in range(samples))
+
+    def least(k: int) -> tuple[float, int]:
+        return float(trials[k].low[:samples].sum()), k
+
+    while True:
+        alive = sorted(alive, key=least)
+        unsettled = [(k, j) for k in alive[:exact] for j in range(samples) if trials[k].known[j] != EXACT]
+        if not unsettled:
+            return alive
+        judge.settle((trials[k], j) for k, j in unsettled)
 
 
 def reflected(point: NDArray[np.float64]) -> NDArray[np.float64]:

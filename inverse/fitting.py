@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from inverse.annealing import AnnealingSettings, Chain, anneal, start_chain
 from inverse.distance import EQUAL_WEIGHTS, Description, Weights, compare_trees, describe_tree
 from inverse.evolution import Evolution, EvolutionSettings, evolve
+from inverse.pieces import cut_into_pieces
 from inverse.prior import first_point
 from inverse.space import AGE, search_space
 from inverse.trials import Judge
@@ -33,6 +34,7 @@ VERSION = 1  # of the checkpoint
 CHECK_SEED = 1_000_003  # what is added to the seed for the trees by which the runs are compared in the end
 CHECK_SAMPLES = 16
 CHECKPOINT_SECONDS = 10.0
+MOST_PIECES = 4000
 
 DONE, STOPPED = "done", "stopped"
 """What :attr:`Fit.status` can be."""
@@ -157,8 +159,8 @@ def fit_trees(
     Raises
     ------
     InputError
-        If a tree cannot be compared or has no length, an argument is out of its range, or the checkpoint is
-        damaged or of another fit.
+        If a tree cannot be compared, has no length or more than 4000 branches between forks, an argument is
+        out of its range, or the checkpoint is damaged or of another fit.
 
     References
     ----------
@@ -166,7 +168,7 @@ def fit_trees(
     """
     if runs < 1:
         raise InputError(f"runs must be 1 or more, got {runs!r}")
-    targets = [describe_tree(tree) for tree in trees]
+    targets = [_target(tree, k) for k, tree in enumerate(trees)]
     settings = _settings(method, settings)
     height = max((_height(target) for target in targets), default=0.0)
     if not height > 0.0:
@@ -182,6 +184,17 @@ def fit_trees(
             _run(judge, settings, state, clock.until(k), keeper, states, progress, k)
         keeper.save(states)
         return _conclude(judge, settings, states, targets)
+
+
+def _target(tree: TreeGraph | ClusterTree, k: int) -> Description:
+    """A tree described, unless it is too large to be compared thousands of times."""
+    pieces = cut_into_pieces(tree)
+    if pieces.n_pieces > MOST_PIECES:
+        raise InputError(
+            f"a tree to fit must have at most {MOST_PIECES} branches between forks, but tree {k} has "
+            f"{pieces.n_pieces}; leave its thinnest ones out (treegraph.prune)"
+        )
+    return describe_tree(pieces)
 
 
 def _settings(method: str, settings: Any) -> Any:

@@ -84,7 +84,7 @@ class Judge:
     workers : int
         Threads; the results do not depend on them.
     max_nodes : int, optional
-        Where growth is stopped. By default four times the nodes of the largest target, and 500.
+        Where growth is stopped. By default three times the nodes of the largest target, and 200.
 
     Raises
     ------
@@ -118,7 +118,7 @@ class Judge:
         self.settings = GrowthSettings(max_nodes=max_nodes or NODE_FACTOR * largest + NODE_ROOM)
         self.grown = self.compared = 0
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
-        self._workers = workers
+        self.workers = workers
 
     def __enter__(self) -> Judge:
         return self
@@ -134,47 +134,36 @@ class Judge:
         n = self.samples
         return Trial(point, key, np.zeros(n), np.ones(n), np.zeros(n, np.uint8))
 
-    def bound(self, trial: Trial, samples: Iterable[int]) -> None:
-        """Grow trees of some samples and find their shape and geometry, which bounds their distance."""
-        todo = [j for j in samples if trial.known[j] == UNKNOWN]
-        parameters, age = self.space.decode(trial.point)
-        for j, found in zip(
-            todo, self._map(lambda j: self._grow(trial, parameters, age, j), todo), strict=True
-        ):
+    def bound(self, wanted: Iterable[tuple[Trial, int]]) -> None:
+        """Grow trees of some trials' samples; their shape and geometry, once found, bound their distance."""
+        todo = [(trial, j) for trial, j in wanted if trial.known[j] == UNKNOWN]
+        for (trial, j), found in zip(todo, self._map(self._grow, todo), strict=True):
             trial.low[j], trial.high[j], kept = found
             trial.known[j] = EXACT if kept is None else BOUNDED
             trial._kept[j] = kept
         self.grown += len(todo)
 
-    def settle(self, trial: Trial, samples: Iterable[int]) -> None:
-        """Find the distances of some samples exactly."""
-        samples = list(samples)
-        self.bound(trial, samples)
-        todo = [j for j in samples if trial.known[j] == BOUNDED]
-        kept = [trial._kept.pop(j) for j in todo]
-        for j, distance in zip(todo, self._map(self._compare, kept), strict=True):
-            trial.low[j] = trial.high[j] = distance
-            trial.known[j] = EXACT
-        self.compared += len(todo)
+    def settle(self, wanted: Iterable[tuple[Trial, int]]) -> None:
+        """Find the distances of some trials' samples exactly, side by side."""
 
-    def settle_many(self, wanted: Sequence[tuple[Trial, int]]) -> None:
-        """Find the distances of some samples of several trials exactly, side by side."""
-
-        def work(item: tuple[Trial, int]) -> tuple[float, int]:
+        def work(item: tuple[Trial, int]) -> tuple[float, bool]:
             trial, j = item
-            low, _, kept = self._grow(trial, *self.space.decode(trial.point), j)
-            return (low, 0) if kept is None else (self._compare(kept), 1)
+            if trial.known[j] == BOUNDED:
+                return self._compare(trial._kept[j]), True
+            distance, _, kept = self._grow(item)
+            return (distance, False) if kept is None else (self._compare(kept), True)
 
-        todo = [(trial, j) for trial, j in wanted if trial.known[j] == UNKNOWN]
+        todo = [(trial, j) for trial, j in wanted if trial.known[j] != EXACT]
         for (trial, j), (distance, compared) in zip(todo, self._map(work, todo), strict=True):
+            self.grown += int(trial.known[j] == UNKNOWN)
+            self.compared += int(compared)
             trial.low[j] = trial.high[j] = distance
             trial.known[j] = EXACT
-            self.compared += compared
-        self.grown += len(todo)
+            trial._kept.pop(j, None)
 
     def settle_all(self, trial: Trial) -> float:
         """Sum of all samples' distances."""
-        self.settle(trial, range(self.samples))
+        self.settle((trial, j) for j in range(self.samples))
         return trial.total
 
     def mean_distance(self, trial: Trial) -> float:
@@ -186,11 +175,13 @@ class Judge:
             return [work(item) for item in items]
         return list(self._pool.map(work, items))
 
-    def _grow(self, trial: Trial, parameters: Any, age: int, j: int) -> tuple[float, float, Any]:
+    def _grow(self, item: tuple[Trial, int]) -> tuple[float, float, Any]:
         """Bounds of a sample's distance, and what is needed to find it; None if it is known."""
         from species import grow
         from species.growth import GROWN
 
+        trial, j = item
+        parameters, age = self.space.decode(trial.point)
         rng = np.random.default_rng([self.seed, *trial.key, j])
         tree = grow(parameters, age, rng=rng, settings=self.settings)
         if tree.status != GROWN:
@@ -239,7 +230,7 @@ def is_no_farther(judge: Judge, trial: Trial, current: Trial, slack: float) -> b
         *((judge.settle, current, j) for j in range(judge.samples)),
         *((judge.settle, trial, j) for j in range(judge.samples)),
     ]
-    width = judge._workers
+    width = judge.workers
     for refine, which, first in steps:
         if first % width:
             continue
@@ -249,5 +240,5 @@ def is_no_farther(judge: Judge, trial: Trial, current: Trial, slack: float) -> b
             return True
         if least > ROUNDING:
             return False
-        refine(which, range(first, min(first + width, judge.samples)))
+        refine((which, j) for j in range(first, min(first + width, judge.samples)))
     return judge.settle_all(trial) <= judge.settle_all(current) + slack

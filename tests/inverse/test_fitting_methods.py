@@ -57,7 +57,7 @@ def test_trial_is_the_distance_of_grown_trees():
 def test_bounds_hold(seed):
     one = judge()
     trial = one.trial(np.random.default_rng(seed).random(25), (0, 1))
-    one.bound(trial, range(4))
+    one.bound((trial, j) for j in range(4))
     low, high = trial.low.copy(), trial.high.copy()
     assert (low <= high).all()
     one.settle_all(trial)
@@ -196,12 +196,20 @@ def test_rank_measures_the_best_with_all_samples_and_the_worst_with_few():
     trials = [one.trial(np.random.default_rng(k).random(25), (0, 1)) for k in range(8)]
     order, cost, best = rank(one, trials)
     assert sorted(order) == list(range(8))
-    known = [int((trials[k].known == EXACT).sum()) for k in order]
-    assert known == [8, 8, 4, 4, 2, 2, 2, 2]
-    assert cost == sum(known) == one.grown
-    means = [trials[k].low[:2].mean() for k in order]
-    assert means[4:] == sorted(means[4:])
+    assert cost == 8 * 2 + 4 * 2 + 2 * 4 == one.grown
+    assert [int((trials[k].known == EXACT).sum()) for k in order[:4]] == [8, 8, 4, 4]
     npt.assert_allclose(best, np.mean([trials[k].low.mean() for k in order[:2]]))
+    # The same by full evaluation: who is left out, and in which order the others are.
+    full = judge(samples=8)
+    table = []
+    for k in range(8):
+        again = full.trial(trials[k].point, (0, 1))
+        full.settle_all(again)
+        table.append(again.low)
+    left = sorted(range(8), key=lambda k: table[k][:2].sum())[:4]
+    left.sort(key=lambda k: table[k][:4].sum())
+    assert order[:4] == sorted(left[:2], key=lambda k: table[k].sum()) + left[2:]
+    assert one.compared < 32
 
 
 def test_evolution_gets_nearer():
@@ -310,7 +318,7 @@ def test_guess_of_bare_trees(parent):
             "settings must be EvolutionSettings with method 'evolution'",
         ),
         ([TARGET], {"runs": 0}, "runs must be 1 or more, got 0"),
-        ([TARGET], {"workers": 0}, "samples and workers must be 1 or more, got 8 and 0"),
+        ([TARGET], {"workers": 0}, "samples and workers must be 1 or more, got 4 and 0"),
         ([TARGET], {"seconds": -1.0}, "seconds must be a finite number >= 0, got -1.0"),
     ],
 )
@@ -333,6 +341,15 @@ def test_bad_settings(kind, change, match):
         kind(**change)
 
 
+def test_bush_of_ten_thousand_tips():
+    rng = np.random.default_rng(0)
+    bush = TreeGraph([-1] + [0] * 10_000, rng.normal(size=(10_001, 3)), np.full(10_001, 0.01))
+    with pytest.raises(
+        InputError, match="at most 4000 branches between forks, but tree 0 has 10001; leave its"
+    ):
+        fit_trees([bush])
+
+
 def test_no_targets_or_none_with_length():
     with pytest.raises(InputError, match="a fit must have at least one tree, got none"):
         Judge([], SPACE)
@@ -344,7 +361,7 @@ def test_samples_of_judge_and_settings_must_agree():
     with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
         anneal(judge(), AnnealingSettings(), start_chain(judge(), 0))
     with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
-        evolve(judge(), EvolutionSettings(), Evolution(0, np.full(25, 0.5), np.full(25, 0.1)))
+        evolve(judge(), EvolutionSettings(samples=8), Evolution(0, np.full(25, 0.5), np.full(25, 0.1)))
 
 
 @pytest.mark.parametrize(
