@@ -141,15 +141,21 @@ JSON_FIELDS = {
     "`a_length_m`, "
     "`b_length_m`, `cost_m2`; most wood first), `picture`, `renderer`. Nodes are counted from 0, of an .swc "
     "depth-first. What the numbers mean is in [similarity.md](similarity.md).",
-    "fit": "`input` (all trees), `output`, `distance`, `shape`, `geometry`, `structure` (means over 16 new trees "
-    "and the given ones), `age`, `parameters` (by symbol), `distances` (of each run), `runs` (parameters of each), "
-    "`spread` (their standard deviation; null of a single run), `curves` (of each run: evaluations, distance), "
-    "`evaluations`, `grown`, `compared`, `status` (`done` or `stopped`), `seconds`.",
+    "fit": "`input` (all trees), `output`, `distance`, `shape`, `geometry`, `structure` (means over 16 new "
+    "trees and the given ones), `age`, `parameters` (by symbol), `distances` (of each run), `runs` "
+    "(parameters of each), `spread` (their standard deviation; null of a single run), `curves` (of each run: "
+    "evaluations, distance), `evaluations`, `grown`, `compared`, `status` (`done` or `stopped`), `seconds`.",
+    "classify": "`model`, `scans` (`file`, `species`: null if it is none of the model's, `probability`: of "
+    "the most probable, `probabilities`: of all, the most probable first, `features`: at most five that "
+    "spoke for it, with `name`, `unit`, `value` and `part`, in log-odds against the runner-up), `failed` "
+    "(`file`, `kind`, `message`), `seconds`. What they mean is in [classify.md](classify.md).",
     "species list": "`species` (`name`, `latin`, `bytes` of definition and derived file together, "
     "`branchlets`, `patches`, `leaf` (its kind), `builtin`), `faults` (a line for each file that could not "
     "be read).",
     "species show": "the facts that are printed, `output`.",
     "species build": "as `species show`, and `files`.",
+    "species train": "what is in the report beside the model ([classify.md](classify.md) lists it), `files`, "
+    "`seconds`.",
     "doctor": "`ok`, `checks` (`name`, `state`: `ok`, `missing` or `broken`, `found`, `fix`).",
 }
 

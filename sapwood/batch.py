@@ -18,7 +18,7 @@ from typing import Any
 from sapwood.text import one_line
 from treegraph.errors import FitError, FormatError, InputError
 
-__all__ = ["DIED", "DONE", "INPUT", "INTERNAL", "Job", "Outcome", "run_batch", "run_job"]
+__all__ = ["DIED", "DONE", "INPUT", "INTERNAL", "Job", "Outcome", "guarded", "run_batch", "run_job"]
 
 DONE, INPUT, INTERNAL, DIED = "done", "input", "internal", "died"
 
@@ -85,7 +85,8 @@ class Outcome:
 
 def run_job(job: Job, progress: Callable[[str], object] | None = None) -> Outcome:
     """Reconstruct a scan and save what came of it; every failure but an interruption is an outcome."""
-    try:
+
+    def work() -> Outcome:
         from sapwood.pipeline import reconstruct
         from sapwood.saving import save
 
@@ -93,10 +94,19 @@ def run_job(job: Job, progress: Callable[[str], object] | None = None) -> Outcom
         if progress is not None:
             progress("write")
         saved = save(tree, job.folder, staging=job.staging, **job.saving)
+        return Outcome(job, DONE, report=saved.report, notices=saved.notices)
+
+    return guarded(job, work)
+
+
+def guarded(job: Job, work: Callable[[], Outcome]) -> Outcome:
+    """Return what `work` returns, or if it fails an outcome that says how; interruptions go through."""
+    try:
+        return work()
     except (InputError, FormatError, FitError) as error:
         return Outcome(job, INPUT, one_line(error))
     except OSError as error:
-        where = error.filename or job.folder
+        where = error.filename or job.folder or job.scan
         return Outcome(job, INPUT, f"{where}: {error.strerror or one_line(error)}.")
     except MemoryError:
         advice = "memory ran out; thin the scan with --max-points, or use fewer --jobs."
@@ -104,7 +114,6 @@ def run_job(job: Job, progress: Callable[[str], object] | None = None) -> Outcom
     except Exception as error:  # noqa: BLE001 - a bug in one scan must not stop the others; it is reported
         message = f"{job.scan}: {type(error).__name__}: {one_line(error)}"
         return Outcome(job, INTERNAL, message, trace=traceback.format_exc())
-    return Outcome(job, DONE, report=saved.report, notices=saved.notices)
 
 
 def run_batch(

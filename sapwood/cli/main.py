@@ -18,6 +18,7 @@ import typer  # noqa: E402
 
 from sapwood.cli import options as o  # noqa: E402
 from sapwood.cli.adapt import adapt  # noqa: E402
+from sapwood.cli.classify import classify  # noqa: E402
 from sapwood.cli.compare import compare  # noqa: E402
 from sapwood.cli.decode import decode  # noqa: E402
 from sapwood.cli.doctor import doctor  # noqa: E402
@@ -29,6 +30,7 @@ from sapwood.cli.reconstruct import REPORT_IT, reconstruct  # noqa: E402
 from sapwood.cli.scan import scan  # noqa: E402
 from sapwood.cli.species import species_build, species_list, species_show  # noqa: E402
 from sapwood.cli.terminal import Terminal  # noqa: E402
+from sapwood.cli.train import species_train  # noqa: E402
 from sapwood.text import one_line  # noqa: E402
 
 __all__ = ["COMMANDS", "main", "make_app", "reconstruct_main", "sapwood_main"]
@@ -45,9 +47,11 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "scan": scan,
     "compare": compare,
     "fit": fit,
+    "classify": classify,
     "species list": species_list,
     "species show": species_show,
     "species build": species_build,
+    "species train": species_train,
     "doctor": doctor,
 }
 
