@@ -1,9 +1,9 @@
 """Features of scans: how many hold when a scan is thinned or turned, and what they cost beside the encoding.
 
 Every scan is encoded and described four times: as it is, twice with a random third of its points, and
-turned around the vertical. A feature *holds* when it changes by at most 10% of its value (the larger of both), or, in
-the second figure, of its value or of its standard deviation over all trees, whichever is more; unknown on
-one side only is a change, unknown on both is not counted.
+turned around the vertical. A feature *holds* when it changes by at most 10% of its value (the larger of
+both), or, in the second figure, of its value or of its standard deviation over all trees, whichever is more;
+unknown on one side only is a change, unknown on both is not counted.
 
     python -m benchmarks.features --data DIR
     python -m benchmarks.features --data DIR --only itsme

@@ -44,7 +44,14 @@ def test_first_screen():
     assert first("python") in screen
 
 
-GROWN = {"ages.png": "growth", "figure6.png": "growth", "mapping.png": "similarity", "wall.png": "growth"}
+#: Pictures of grown trees, or of several samples, by the page that shows them.
+GROWN = {
+    "ages.png": "growth",
+    "figure6.png": "growth",
+    "mapping.png": "similarity",
+    "plastic.png": "plastic",
+    "wall.png": "growth",
+}
 
 
 def test_pictures_are_of_shipped_scans_or_of_grown_trees():
