@@ -27,6 +27,7 @@ MOST_DISTANCES = 512  # order statistics that stand for all distances between br
 STARTS = 64  # of them, from which mean shift begins
 MOST_SHIFTS = 500
 SHIFT_END = 1e-6  # a shift by less than this share of the bandwidth ends the search
+SAME_PEAK = 1e-3  # share by which a peak may be lower and counts as equally high
 LEAST_BANDWIDTH = 0.05  # of the median distance, where most distances are equal
 LONE_INTERNODES = 20  # of a tree whose branchings give no distance, along its longest way
 ROUNDING = 1e-9
@@ -94,7 +95,8 @@ def internode_length(tree: TreeGraph) -> float:
     """Length of an internode: the highest peak of the distances between branching nodes (thesis 4.3.1).
 
     The peak is found by mean shift with a Gaussian kernel whose bandwidth is Silverman's,
-    0.9 min(sigma, IQR / 1.34) m^(-1/5), and no less than 5% of the median distance.
+    0.9 min(sigma, IQR / 1.34) m^(-1/5), and no less than 5% of the median distance. Of peaks that are equally
+    high, the shortest.
 
     Parameters
     ----------
@@ -135,7 +137,7 @@ def internode_length(tree: TreeGraph) -> float:
         if done:
             break
     density = np.exp(-0.5 * ((at[:, None] - sample) / bandwidth) ** 2).sum(axis=1)
-    return float(at[np.argmax(density)])
+    return float(at[density >= (1.0 - SAME_PEAK) * density.max()].min())
 
 
 def _thin(ascending: NDArray[np.float64], most: int) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from plastic import branch_ages, growth_rates, internode_length, seasons_of
@@ -82,6 +82,7 @@ def test_without_branchings_it_is_a_share_of_the_height():
 
 
 @given(parents, st.floats(0.01, 100.0))
+@example((-1, 0, 1, 1, 2, 2), 3.0)  # two distances: two peaks of one height
 @settings(deadline=None, max_examples=50)
 def test_internode_scales_with_the_tree(parent, scale):
     tree = make_tree(parent)
