@@ -11,7 +11,7 @@ __all__ = ["PLACE_VARIABLE", "cache_folders", "can_keep", "is_writable", "kept"]
 PLACE_VARIABLE = "NUMBA_CACHE_DIR"
 """Environment variable by which the user names another place."""
 
-PACKAGES = ("treegraph", "recon", "classify", "species", "plastic", "render", "sapwood")
+PACKAGES = ("treegraph", "recon", "classify", "species", "inverse", "plastic", "render", "sapwood")
 
 
 def cache_folders() -> list[Path]:
