@@ -11,7 +11,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -19,11 +21,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inverse.annealing import AnnealingSettings, Chain, anneal, start_chain
+from inverse.annealing import AnnealingSettings
 from inverse.distance import EQUAL_WEIGHTS, Description, Weights, compare_trees, describe_tree
-from inverse.evolution import Evolution, EvolutionSettings, evolve
+from inverse.evolution import EvolutionSettings
 from inverse.pieces import cut_into_pieces
-from inverse.prior import first_point
+from inverse.runs import (
+    Task,
+    check_settings,
+    evaluations_of,
+    first_state,
+    go_on,
+    restored,
+    share_done,
+    spread_runs,
+)
 from inverse.space import AGE, search_space
 from inverse.trials import Judge
 from treegraph import ClusterTree, InputError, TreeGraph
@@ -120,6 +131,7 @@ def fit_trees(
     weights: Weights = EQUAL_WEIGHTS,
     seed: int = 0,
     workers: int = 1,
+    executor: Executor | None = None,
     seconds: float | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -142,15 +154,19 @@ def fit_trees(
         Of shape, geometry and structure.
     seed : int
     workers : int, default 1
-        Threads. The result does not depend on it.
+        Threads of each run. The result does not depend on it.
+    executor : concurrent.futures.Executor, optional
+        The runs are spread over it, side by side; without one they are done here, one after the other. It may
+        be of processes or of a cluster (``distributed.Client(address).get_executor()``), whose workers must
+        have Sapwood too. The result does not depend on it.
     seconds : float, optional
-        Time after which the fit stops with what it has; it is spread evenly over the runs. Where it stops
-        depends on the machine.
+        Time after which the fit stops with what it has; runs that are done one after the other share it
+        evenly. Where it stops depends on the machine.
     checkpoint : path, optional
         A file in which the state is kept, every 10 s and at each run's end. If it is there, the fit goes on
         from it and ends as if it had never stopped. It is left there.
     progress : callable, optional
-        Told after every iteration or generation.
+        Told after every iteration or generation; of runs on an executor every few seconds.
 
     Returns
     -------
@@ -169,7 +185,7 @@ def fit_trees(
     if runs < 1:
         raise InputError(f"runs must be 1 or more, got {runs!r}")
     targets = [_target(tree, k) for k, tree in enumerate(trees)]
-    settings = _settings(method, settings)
+    settings = check_settings(method, settings)
     height = max((_height(target) for target in targets), default=0.0)
     if not height > 0.0:
         raise InputError("a tree to fit must have some height, got none")
@@ -178,10 +194,24 @@ def fit_trees(
         targets, space, samples=settings.samples, seed=seed, weights=weights, workers=workers
     ) as judge:
         keeper = _Keeper(checkpoint, _name_of(method, settings, judge, runs))
-        states = keeper.load(method) or [_first(method, judge, k) for k in range(runs)]
+        states = keeper.load(settings) or [first_state(settings, judge, k) for k in range(runs)]
         clock = _Clock(seconds, runs)
-        for k, state in enumerate(states):
-            _run(judge, settings, state, clock.until(k), keeper, states, progress, k)
+
+        def tell(k: int) -> None:
+            keeper.save_now_and_then(states)
+            if progress is not None:
+                state = states[k]
+                distance = state.curve[-1][1] if state.curve else 1.0
+                progress(Progress(k, runs, share_done(settings, state), distance))
+
+        if executor is None:
+            for k, state in enumerate(states):
+                _run(judge, settings, state, clock.until(k), partial(tell, k))
+        else:
+            graphs = tuple(_bare(target.pieces.graph) for target in targets)
+            task = Task(graphs, space, settings, seed, weights, workers)
+            grown, compared = spread_runs(executor, task, states, clock.end, tell)
+            judge.grown, judge.compared = judge.grown + grown, judge.compared + compared
         keeper.save(states)
         return _conclude(judge, settings, states, targets)
 
@@ -197,16 +227,9 @@ def _target(tree: TreeGraph | ClusterTree, k: int) -> Description:
     return describe_tree(pieces)
 
 
-def _settings(method: str, settings: Any) -> Any:
-    kinds = {"annealing": AnnealingSettings, "evolution": EvolutionSettings}
-    if method not in kinds:
-        raise InputError(f"method must be one of {', '.join(kinds)}, got {method!r}")
-    settings = kinds[method]() if settings is None else settings
-    if not isinstance(settings, kinds[method]):
-        raise InputError(
-            f"settings must be {kinds[method].__name__} with method {method!r}, got {settings!r}"
-        )
-    return settings
+def _bare(tree: TreeGraph) -> TreeGraph:
+    """A tree without its attributes."""
+    return TreeGraph(tree.parent, tree.position, tree.radius)
 
 
 def _height(target: Description) -> float:
@@ -214,60 +237,37 @@ def _height(target: Description) -> float:
     return float(np.ptp(target.pieces.graph.position, axis=0).max())
 
 
-def _first(method: str, judge: Judge, number: int) -> Chain | Evolution:
-    if method == "annealing":
-        return start_chain(judge, number)
-    mean, spread = first_point(judge.space, judge.targets)
-    return Evolution(number, mean, spread)
-
-
-def _done(settings: Any, state: Any) -> float:
-    """Share of a run that is done."""
-    if isinstance(settings, AnnealingSettings):
-        return state.iteration / settings.iterations
-    return min(state.evaluations / settings.evaluations, 1.0)
-
-
-def _evaluations(settings: Any, state: Any) -> int:
-    if isinstance(settings, AnnealingSettings):
-        return (state.iteration + 1) * settings.samples
-    return int(state.evaluations)
-
-
-def _run(
-    judge: Judge, settings: Any, state: Any, until: float, keeper: _Keeper, states: list[Any],
-    progress: Callable[[Progress], None] | None, k: int,
-) -> None:  # fmt: skip
+def _run(judge: Judge, settings: Any, state: Any, until: float, tell: Callable[[], None]) -> None:
     """Go on with one run until it is done or its time is over."""
-    if monotonic() >= until or _done(settings, state) >= 1.0:
+    if monotonic() >= until or share_done(settings, state) >= 1.0:
         return
 
-    def keep_going(state: Any) -> bool:
-        keeper.save_now_and_then(states)
-        if progress is not None:
-            distance = state.curve[-1][1] if state.curve else 1.0
-            progress(Progress(k, len(states), _done(settings, state), distance))
+    def keep_going(_: Any) -> bool:
+        tell()
         return monotonic() < until
 
-    if isinstance(settings, AnnealingSettings):
-        anneal(judge, settings, state, keep_going=keep_going)
-    else:
-        evolve(judge, settings, state, keep_going=keep_going)
+    go_on(judge, settings, state, keep_going)
 
 
 class _Clock:
-    """Shares a time among runs; what one leaves the next ones get."""
+    """Shares a time among runs; what one leaves the next ones get.
+
+    Attributes
+    ----------
+    end : float
+        When all have to stop, by :func:`time.monotonic`.
+    """
 
     def __init__(self, seconds: float | None, runs: int) -> None:
         if seconds is not None and not 0.0 <= seconds < np.inf:
             raise InputError(f"seconds must be a finite number >= 0, got {seconds!r}")
-        self._end = np.inf if seconds is None else monotonic() + seconds
+        self.end = np.inf if seconds is None else monotonic() + seconds
         self._runs = runs
 
     def until(self, k: int) -> float:
         """When run k has to stop."""
         now = monotonic()
-        return float(now + (self._end - now) / (self._runs - k))
+        return float(now + (self.end - now) / (self._runs - k))
 
 
 class _Keeper:
@@ -278,7 +278,7 @@ class _Keeper:
         self._name = name
         self._last = monotonic()
 
-    def load(self, method: str) -> list[Any] | None:
+    def load(self, settings: Any) -> list[Any] | None:
         """The states of the runs, None if there is no file."""
         if self._path is None or not self._path.exists():
             return None
@@ -294,8 +294,7 @@ class _Keeper:
                 f"{self._path}: this checkpoint is of a fit of other trees or settings; remove it, or name "
                 "another."
             )
-        kind = Chain if method == "annealing" else Evolution
-        return [kind.from_dict(state) for state in states]
+        return [restored(settings, state) for state in states]
 
     def save_now_and_then(self, states: list[Any]) -> None:
         """Save if the last time is long enough ago."""
@@ -347,11 +346,11 @@ def _conclude(judge: Judge, settings: Any, states: list[Any], targets: Sequence[
         d.symbol: float(np.std([v[d.symbol] for v in values], ddof=1)) if len(values) > 1 else float("nan")
         for d in judge.space.free
     }
-    finished = all(_done(settings, state) >= 1.0 for state in states)
+    finished = all(share_done(settings, state) >= 1.0 for state in states)
     return Fit(
         parameters, age, *_parts(check, points[best], targets), distances, tuple(values), spread,
         tuple(_curve(settings, state) for state in states),
-        sum(_evaluations(settings, state) for state in states), judge.grown, judge.compared,
+        sum(evaluations_of(settings, state) for state in states), judge.grown, judge.compared,
         DONE if finished else STOPPED,
     )  # fmt: skip
 

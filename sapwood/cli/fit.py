@@ -61,7 +61,35 @@ Bounds = Annotated[
     list[str] | None,
     o.option(SEARCH, "--bounds", metavar="NAME=LOW:HIGH", help="Where it is searched; repeatable."),
 ]
-Jobs = Annotated[int, o.option(o.RUN, "--jobs", "-j", metavar="N", min=1, help="Threads.")]
+Curve = Annotated[
+    Path | None,
+    o.option(
+        o.OUTPUT,
+        "--picture",
+        metavar="FILE",
+        help="Draw how the distance fell with the trees grown: .png or .jpg.",
+    ),
+]
+Jobs = Annotated[
+    int,
+    o.option(
+        o.RUN,
+        "--jobs",
+        "-j",
+        metavar="N",
+        min=1,
+        help="Processes, of several runs; threads of a single one.",
+    ),
+]
+DaskAddress = Annotated[
+    str | None,
+    o.option(
+        o.RUN,
+        "--dask",
+        metavar="ADDRESS",
+        help="Spread the runs over the Dask cluster of this scheduler, as in tcp://127.0.0.1:8786.",
+    ),
+]
 Checkpoint = Annotated[
     Path | None,
     o.option(
@@ -81,8 +109,10 @@ def fit(
     runs: Runs = 1,
     fixed: Fixed = None,
     bounds: Bounds = None,
+    picture: Curve = None,
     checkpoint: Checkpoint = None,
     jobs: Jobs = 1,
+    dask: DaskAddress = None,
     seed: o.Seed = 0,
     force: o.Force = False,
     as_json: o.Json = False,
@@ -99,42 +129,56 @@ def fit(
 
     Angles, the distance of forks and the height are read off the trees; from there the search begins.
     """
+    from sapwood.curves import check_curve_name, draw_curves
     from sapwood.fitting import format_fit, parse_bounds, parse_budget, parse_fixed
     from sapwood.outputs import check_free, write_whole
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
-    check_free([output], force=force)
+    check_free([output] + ([] if picture is None else [picture]), force=force)
     _check_suffix(output)
+    if picture is not None:
+        check_curve_name(picture)
     limits = parse_budget(budget) if budget is not None else None
     how: dict[str, Any] = {"bounds": parse_bounds(bounds or []), "fixed": parse_fixed(fixed or [])}
     terminal.warn_of_compiling()
     start = perf_counter()
-    how |= {"runs": runs, "checkpoint": checkpoint, "workers": jobs, "seed": seed}
-    found = _fit(terminal, trees, limits, method.value, **how)
+    how |= {"runs": runs, "checkpoint": checkpoint, "seed": seed}
+    found = _fit(terminal, trees, limits, method.value, jobs, dask, **how)
     text = format_fit(found, output.stem, trees, method.value, seed)
     write_whole(output, lambda path: path.write_text(text, encoding="utf-8"), force=force)
+    if picture is not None:
+        write_whole(picture, lambda path: draw_curves(found.curves, path), force=force)
     if found.status == "stopped":
         terminal.note("time ran out before the search was done")
     terminal.result(
         f"{output}: distance {found.distance:.4f} (shape {found.shape:.4f}, geometry {found.geometry:.4f}, "
         f"structure {found.structure:.4f}), {found.age} cycles, {found.evaluations} evaluations"
     )
-    _say_json(terminal, trees, output, found, perf_counter() - start)
+    _say_json(terminal, trees, output, picture, found, perf_counter() - start)
     return 0
 
 
-def _fit(terminal: Terminal, paths: list[Path], budget: Budget | None, method: str, **how: Any) -> Fit:
+def _fit(
+    terminal: Terminal, paths: list[Path], budget: Budget | None, method: str, jobs: int, dask: str | None,
+    **how: Any,
+) -> Fit:  # fmt: skip
     from inverse import describe_tree, fit_trees
     from sapwood.comparing import at_fault, read_graph
+    from sapwood.spreading import open_workplace
 
     graphs = [read_graph(path) for path in paths]
     for path, graph in zip(paths, graphs, strict=True):
         with at_fault(path):
             describe_tree(graph)
-    with terminal.progress(None, f"{', '.join(map(str, paths))}: fitting") as bar:
+    with (
+        open_workplace(how["runs"], jobs, dask) as place,
+        terminal.progress(None, f"{', '.join(map(str, paths))}: fitting") as bar,
+    ):
         return fit_trees(
             graphs,
             method=method,
+            executor=place.executor,
+            workers=place.threads,
             settings=_settings(method, budget),
             seconds=None if budget is None else budget.seconds,
             progress=lambda p: bar.say(
@@ -164,11 +208,14 @@ def _check_suffix(output: Path) -> None:
         raise InputError(f"{output}: the name of fitted parameters must end in .toml.")
 
 
-def _say_json(terminal: Terminal, trees: list[Path], output: Path, found: Fit, seconds: float) -> None:
+def _say_json(
+    terminal: Terminal, trees: list[Path], output: Path, picture: Path | None, found: Fit, seconds: float
+) -> None:
     terminal.json(
         "fit",
         input=[str(path) for path in trees],
         output=str(output),
+        picture=None if picture is None else str(picture),
         distance=found.distance,
         shape=found.shape,
         geometry=found.geometry,

@@ -2,6 +2,7 @@
 
 import json
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.testing as npt
@@ -266,6 +267,49 @@ def test_same_result_on_any_number_of_workers_and_after_a_break(method, settings
     done = fit_trees([TARGET], checkpoint=path, **how)
     same(done, whole)
     assert done.grown == 0
+
+
+@pytest.mark.parametrize(
+    "method, settings",
+    [("evolution", QUICK), ("annealing", AnnealingSettings(iterations=30, samples=4, report_every=10))],
+)
+def test_same_result_on_an_executor_slice_by_slice_and_after_a_break(method, settings, tmp_path, monkeypatch):
+    how = {"method": method, "settings": settings, "seed": 5, "runs": 3}
+    whole = fit_trees([TARGET], **how)
+    monkeypatch.setattr("inverse.runs.SLICE_SECONDS", 0.05)  # some steps each
+    monkeypatch.setattr("inverse.fitting.CHECKPOINT_SECONDS", 0.0)
+    said = []
+
+    def stop(progress):
+        said.append(progress)
+        if len(said) == 5:
+            raise KeyboardInterrupt
+
+    with ThreadPoolExecutor(2) as executor:
+        same(fit_trees([TARGET], executor=executor, **how), whole)
+        with pytest.raises(KeyboardInterrupt):
+            fit_trees([TARGET], executor=executor, checkpoint=tmp_path / "state", progress=stop, **how)
+        assert {progress.run for progress in said} >= {0, 1}  # side by side
+        assert all(0.0 < progress.share <= 1.0 for progress in said)
+        same(fit_trees([TARGET], executor=executor, checkpoint=tmp_path / "state", **how), whole)
+    same(fit_trees([TARGET], checkpoint=tmp_path / "state", **how), whole)
+
+
+def test_time_runs_out_on_an_executor():
+    with ThreadPoolExecutor(2) as executor:
+        how = {"settings": EvolutionSettings(evaluations=10**9), "runs": 2}
+        fit = fit_trees([TARGET], executor=executor, seconds=0.3, **how)
+    assert fit.status == "stopped"
+    assert all(len(curve) > 0 for curve in fit.curves)
+
+
+def test_a_run_that_fails_elsewhere_fails_the_fit():
+    class Broken(ThreadPoolExecutor):
+        def submit(self, work, *arguments):
+            return super().submit(lambda: 1 / 0)
+
+    with Broken(1) as executor, pytest.raises(ZeroDivisionError):
+        fit_trees([TARGET], settings=QUICK, executor=executor)
 
 
 def test_fit_says_what_it_is():

@@ -1,9 +1,13 @@
 """``sapwood fit``: growth parameters from trees."""
 
+import subprocess
+import sys
+import time
 import tomllib
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from sapwood.fitting import Budget, parse_bounds, parse_budget, parse_fixed
 from species import find_preset, grow, read_growth
@@ -56,6 +60,99 @@ def test_same_bytes_with_threads_and_after_a_break(run, tree, tmp_path):
     assert (tmp_path / "kind_3.toml").read_text().replace("kind_3", "kind") == (
         tmp_path / "kind_1.toml"
     ).read_text().replace("kind_1", "kind")
+
+
+KILLED = """
+import inverse.fitting, inverse.runs
+inverse.fitting.CHECKPOINT_SECONDS = 0.0
+inverse.runs.SLICE_SECONDS = 0.1
+from sapwood.cli.main import sapwood_main
+if __name__ == "__main__":
+    sapwood_main()
+"""
+
+
+@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
+def test_killed_and_resumed_it_ends_with_the_same_bytes(run, tree, tmp_path, jobs):
+    """kill -9 in the middle, from outside; then the same command again."""
+    words = ("--budget", "900", "--runs", "2", "--seed", "4", "--checkpoint", "state.json")
+    command = ["fit", str(tree), "-o", "kind.toml", *words, "--jobs", jobs]
+    process = subprocess.Popen([sys.executable, "-c", KILLED, *command], cwd=tmp_path)
+    end = time.monotonic() + 120.0
+    while not (tmp_path / "state.json").exists() and time.monotonic() < end and process.poll() is None:
+        time.sleep(0.02)
+    process.kill()
+    assert process.wait() == -9
+    assert not (tmp_path / "kind.toml").exists()
+    assert not list(tmp_path.glob("kind*"))
+    resumed = run("sapwood", *command, "--json")
+    assert resumed.code == 0
+    assert resumed.json["grown"] > 0
+    whole = (tmp_path / "kind.toml").read_text()
+    assert run("sapwood", "fit", tree, "-o", "kind.toml", "--force", *words[:-2]).code == 0
+    assert (tmp_path / "kind.toml").read_text() == whole
+
+
+def test_picture_of_the_curves(run, tree, tmp_path):
+    words = ("--runs", "2", "--picture", "curve.png", "--json")
+    done = run("sapwood", "fit", tree, "-o", "kind.toml", *FEW, *words)
+    assert (done.code, done.json["picture"]) == (0, "curve.png")
+    with Image.open(tmp_path / "curve.png") as picture:
+        colors = {color for _, color in picture.getcolors(100_000) if max(color) - min(color) > 60}
+    assert len(colors) >= 2  # one for each run
+    again = run("sapwood", "fit", tree, "-o", "other.toml", *FEW, "--picture", "curve.png")
+    assert again.error.startswith("curve.png: the file exists already")
+    bad = run("sapwood", "fit", tree, "-o", "other.toml", *FEW, "--picture", "curve.pdf")
+    assert bad.error == "curve.pdf: the name of a picture must end in .png or .jpg or .jpeg."
+
+
+@pytest.mark.parametrize("curve", [[], [(0, 0.5)], [(10, 0.4), (20, 0.4)], [(1, 0.9), (60_000, 0.1)]])
+def test_curves_of_any_length_can_be_drawn(curve):
+    from sapwood.curves import draw_curves
+
+    assert draw_curves([curve]).size == (900, 520)
+
+
+def test_least_so_far_is_a_staircase():
+    from sapwood.curves import _least_so_far
+
+    assert _least_so_far([(1, 0.5), (2, 0.7), (3, 0.4)]) == [(1, 0.5), (2, 0.5), (3, 0.5), (3, 0.4)]
+
+
+def test_dask_that_is_not_installed(run, tree, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    done = run("sapwood", "fit", tree, "-o", "kind.toml", *FEW, "--dask", "tcp://127.0.0.1:1")
+    assert done.error == "--dask needs the package distributed; install it with: pip install 'sapwood[dask]'"
+
+
+def test_dask_that_does_not_answer(run, tree, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("sapwood.spreading.DASK_SECONDS", 0.5)
+    for address in ("tcp://127.0.0.1:1", "nowhere"):
+        done = run("sapwood", "fit", tree, "-o", "kind.toml", *FEW, "--dask", address)
+        assert done.code == 2
+        assert done.error.startswith(f"{address}: no Dask scheduler answers there (")
+
+
+@pytest.mark.filterwarnings("default")  # of what a cluster of threads says when it ends
+def test_runs_on_a_dask_cluster(run, tree, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    words = (*FEW, "--runs", "3", "--seed", "4")
+    assert run("sapwood", "fit", tree, "-o", "kind.toml", *words).code == 0
+    here = (tmp_path / "kind.toml").read_text()
+    with distributed.LocalCluster(2, processes=False, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        done = run("sapwood", "fit", tree, "-o", "kind.toml", "--force", *words, "--dask", address)
+        assert (done.code, done.err) == (0, "")
+    assert (tmp_path / "kind.toml").read_text() == here
+    with distributed.LocalCluster(1, processes=False, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        cluster.scale(0)
+        end = time.monotonic() + 20.0
+        while cluster.scheduler.workers and time.monotonic() < end:
+            time.sleep(0.02)
+        done = run("sapwood", "fit", tree, "-o", "other.toml", *words, "--dask", address)
+        assert done.error == f"{address}: this Dask cluster has no workers yet; start some"
 
 
 def test_annealing_and_several_trees(run, tree):
