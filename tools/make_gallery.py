@@ -20,6 +20,9 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT / "tools"))
+
+from gallery_plastic import PLASTIC, describe_plastic, draw_plastic  # noqa: E402
 
 FOLDER = ROOT / "docs" / "gallery"
 PAGE = ROOT / "docs" / "gallery.md"
@@ -196,6 +199,7 @@ def write_page(facts: dict[str, Any]) -> None:
             "![the model beside what came back](gallery/model.jpg)",
             "",
         ]
+    lines += describe_plastic(facts)
     if (FOLDER / "species_trees.jpg").exists():
         lines += [
             "## The library's species",
@@ -227,6 +231,10 @@ def main() -> None:
         for name, path, species in SCANS:
             if wanted(name):
                 facts[name] = draw_scan(name, arguments.data / path, species)
+        for scan in PLASTIC:
+            if wanted(scan.name):
+                image, facts[scan.name] = draw_plastic(arguments.data / scan.path, scan.species)
+                save(scan.name, image)
         if wanted("model"):
             facts["model"] = draw_model(arguments.data / MODEL)
     if wanted("species"):
