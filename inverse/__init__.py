@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from inverse.annealing import AnnealingSettings
     from inverse.comparing import differences, minkowski_mean
     from inverse.constrained import constrained_edit_distance
+    from inverse.crowns import fill_crown
     from inverse.distance import (
         EQUAL_WEIGHTS,
         Comparison,
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
         piece_properties,
     )
     from inverse.pieces import Pieces, cut_into_pieces
-    from inverse.prior import guess_parameters
+    from inverse.prior import guess_parameters, guess_tip_share
     from inverse.shape import SHAPE_DESCRIPTORS, shape_descriptors, shape_differences, shape_distance
     from inverse.space import SearchSpace, search_space
     from inverse.structure import Mapping, map_pieces, structural_distance
+    from inverse.thinning import thin_out
 
 _LAZY = {
     "AnnealingSettings": "annealing",
@@ -52,11 +54,13 @@ _LAZY = {
     "cut_into_pieces": "pieces",
     "describe_tree": "distance",
     "differences": "comparing",
+    "fill_crown": "crowns",
     "fit_trees": "fitting",
     "geometric_descriptors": "geometry",
     "geometric_differences": "geometry",
     "geometric_distance": "geometry",
     "guess_parameters": "prior",
+    "guess_tip_share": "prior",
     "map_pieces": "structure",
     "minkowski_mean": "comparing",
     "piece_properties": "geometry",
@@ -65,6 +69,7 @@ _LAZY = {
     "shape_differences": "shape",
     "shape_distance": "shape",
     "structural_distance": "structure",
+    "thin_out": "thinning",
 }
 
 __all__ = [
@@ -86,11 +91,13 @@ __all__ = [
     "cut_into_pieces",
     "describe_tree",
     "differences",
+    "fill_crown",
     "fit_trees",
     "geometric_descriptors",
     "geometric_differences",
     "geometric_distance",
     "guess_parameters",
+    "guess_tip_share",
     "map_pieces",
     "minkowski_mean",
     "piece_properties",
@@ -99,6 +106,7 @@ __all__ = [
     "shape_differences",
     "shape_distance",
     "structural_distance",
+    "thin_out",
 ]
 
 

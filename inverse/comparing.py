@@ -44,7 +44,9 @@ LENGTH_RESOLUTION = 0.01
 """Least sigma of a length, as a share of the tree's size or of the mean length."""
 
 
-def differences(x: ArrayLike, y: ArrayLike, resolution: ArrayLike = 0.0) -> NDArray[np.float64]:
+def differences(
+    x: ArrayLike, y: ArrayLike, resolution: ArrayLike = 0.0, softness: float = 1.0
+) -> NDArray[np.float64]:
     r"""Difference of each two values on a scale from 0 to 1, Eq. 4 of [1]_.
 
     :math:`1 - \exp(-(x - y)^2 / (2 \sigma^2))` with :math:`\sigma = \max(0.2 \min(|x|, |y|), resolution)`.
@@ -55,6 +57,8 @@ def differences(x: ArrayLike, y: ArrayLike, resolution: ArrayLike = 0.0) -> NDAr
         Values of two trees. NaN where a tree has none.
     resolution : (n,) array_like
         Least :math:`\sigma`, in the unit of the values, >= 0.
+    softness : float, default 1
+        Factor on :math:`\sigma`, > 0: with more of it, differences that would all be 1 can be told apart.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def differences(x: ArrayLike, y: ArrayLike, resolution: ArrayLike = 0.0) -> NDAr
     [0.0, 0.393, 0.0, 1.0]
     """
     x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
-    sigma = np.maximum(SHARE * np.minimum(np.abs(x), np.abs(y)), resolution)
+    sigma = softness * np.maximum(SHARE * np.minimum(np.abs(x), np.abs(y)), resolution)
     apart = np.abs(x - y)
     out = np.where(apart > 0.0, 1.0, 0.0)
     measured = sigma > 0.0

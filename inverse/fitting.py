@@ -25,8 +25,10 @@ from inverse.annealing import AnnealingSettings
 from inverse.distance import EQUAL_WEIGHTS, Description, Weights, compare_trees, describe_tree
 from inverse.evolution import EvolutionSettings
 from inverse.pieces import cut_into_pieces
+from inverse.prior import OWN_SHARE, guess_parameters, guess_tip_share, thickened
 from inverse.runs import (
     Task,
+    Time,
     check_settings,
     evaluations_of,
     first_state,
@@ -35,17 +37,19 @@ from inverse.runs import (
     share_done,
     spread_runs,
 )
-from inverse.space import AGE, search_space
+from inverse.space import AGE, TIP, search_space
 from inverse.trials import Judge
 from treegraph import ClusterTree, InputError, TreeGraph
 
 __all__ = ["Fit", "Progress", "fit_trees"]
 
-VERSION = 1  # of the checkpoint
+VERSION = 2  # of the checkpoint
 CHECK_SEED = 1_000_003  # what is added to the seed for the trees by which the runs are compared in the end
 CHECK_SAMPLES = 16
 CHECKPOINT_SECONDS = 10.0
 MOST_PIECES = 4000
+TIP_REACH = 8.0  # factor below and above the guess within which the radius of a tip is searched
+AS_MANY_AS_TIME_ALLOWS = 10**9  # evaluations
 
 DONE, STOPPED = "done", "stopped"
 """What :attr:`Fit.status` can be."""
@@ -96,6 +100,8 @@ class Fit:
         Trees grown, and of these compared to the end: what did not matter was left out.
     status : str
         ``"done"``, or ``"stopped"`` if time ran out.
+    tip_share : float
+        How thick their wood is; trees are to be grown with the same.
     """
 
     parameters: Any
@@ -112,6 +118,7 @@ class Fit:
     grown: int
     compared: int
     status: str
+    tip_share: float
 
     def __repr__(self) -> str:
         return (
@@ -129,6 +136,7 @@ def fit_trees(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     fixed: Mapping[str, float] | None = None,
     weights: Weights = EQUAL_WEIGHTS,
+    tip_share: float | None = None,
     seed: int = 0,
     workers: int = 1,
     executor: Executor | None = None,
@@ -152,6 +160,9 @@ def fit_trees(
         As in :func:`inverse.space.search_space`.
     weights : Weights
         Of shape, geometry and structure.
+    tip_share : float, optional
+        How thick wood is: radius of a tip as a share of the internode length, 0.0005 to 0.2. By default 0.01,
+        the growth model's own, unless :func:`inverse.guess_tip_share` sees other wood: then it is searched.
     seed : int
     workers : int, default 1
         Threads of each run. The result does not depend on it.
@@ -161,7 +172,7 @@ def fit_trees(
         have Sapwood too. The result does not depend on it.
     seconds : float, optional
         Time after which the fit stops with what it has; runs that are done one after the other share it
-        evenly. Where it stops depends on the machine.
+        evenly. Where it stops depends on the machine. Without `settings` the default method uses all of it.
     checkpoint : path, optional
         A file in which the state is kept, every 10 s and at each run's end. If it is there, the fit goes on
         from it and ends as if it had never stopped. It is left there.
@@ -185,14 +196,19 @@ def fit_trees(
     if runs < 1:
         raise InputError(f"runs must be 1 or more, got {runs!r}")
     targets = [_target(tree, k) for k, tree in enumerate(trees)]
+    if settings is None and seconds is not None and method == "evolution":
+        settings = EvolutionSettings(evaluations=AS_MANY_AS_TIME_ALLOWS)
     settings = check_settings(method, settings)
     height = max((_height(target) for target in targets), default=0.0)
     if not height > 0.0:
         raise InputError("a tree to fit must have some height, got none")
-    space = search_space(height, bounds=bounds, fixed=fixed)
+    tip_radius = _tip_bounds(targets) if tip_share is None else None
+    space = search_space(height, bounds=bounds, fixed=fixed, tip_radius=tip_radius)
+    tip_share = OWN_SHARE if tip_share is None else tip_share
     with Judge(
-        targets, space, samples=settings.samples, seed=seed, weights=weights, workers=workers
-    ) as judge:
+        targets, space, samples=settings.samples, seed=seed, weights=weights, workers=workers,
+        tip_share=tip_share,
+    ) as judge:  # fmt: skip
         keeper = _Keeper(checkpoint, _name_of(method, settings, judge, runs))
         states = keeper.load(settings) or [first_state(settings, judge, k) for k in range(runs)]
         clock = _Clock(seconds, runs)
@@ -202,15 +218,15 @@ def fit_trees(
             if progress is not None:
                 state = states[k]
                 distance = state.curve[-1][1] if state.curve else 1.0
-                progress(Progress(k, runs, share_done(settings, state), distance))
+                progress(Progress(k, runs, clock.share(k, share_done(settings, state)), distance))
 
         if executor is None:
             for k, state in enumerate(states):
-                _run(judge, settings, state, clock.until(k), partial(tell, k))
+                _run(judge, settings, state, clock.of(k), partial(tell, k))
         else:
             graphs = tuple(_bare(target.pieces.graph) for target in targets)
-            task = Task(graphs, space, settings, seed, weights, workers)
-            grown, compared = spread_runs(executor, task, states, clock.end, tell)
+            task = Task(graphs, space, settings, seed, weights, tip_share, workers)
+            grown, compared = spread_runs(executor, task, states, clock.of_all(), tell)
             judge.grown, judge.compared = judge.grown + grown, judge.compared + compared
         keeper.save(states)
         return _conclude(judge, settings, states, targets)
@@ -222,9 +238,18 @@ def _target(tree: TreeGraph | ClusterTree, k: int) -> Description:
     if pieces.n_pieces > MOST_PIECES:
         raise InputError(
             f"a tree to fit must have at most {MOST_PIECES} branches between forks, but tree {k} has "
-            f"{pieces.n_pieces}; leave its thinnest ones out (treegraph.prune)"
+            f"{pieces.n_pieces}; leave its thinnest ones out (--branches, inverse.thin_out)"
         )
     return describe_tree(pieces)
+
+
+def _tip_bounds(targets: Sequence[Description]) -> tuple[float, float] | None:
+    """Where the radius of a tip is searched; None if it is the growth model's own."""
+    share = guess_tip_share(targets)
+    if share == OWN_SHARE:
+        return None
+    radius = share * guess_parameters(targets)["IBL"]
+    return radius / TIP_REACH, radius * TIP_REACH
 
 
 def _bare(tree: TreeGraph) -> TreeGraph:
@@ -237,37 +262,47 @@ def _height(target: Description) -> float:
     return float(np.ptp(target.pieces.graph.position, axis=0).max())
 
 
-def _run(judge: Judge, settings: Any, state: Any, until: float, tell: Callable[[], None]) -> None:
+def _run(judge: Judge, settings: Any, state: Any, time: Time, tell: Callable[[], None]) -> None:
     """Go on with one run until it is done or its time is over."""
-    if monotonic() >= until or share_done(settings, state) >= 1.0:
+    start = monotonic()
+    if time.left <= 0.0 or share_done(settings, state) >= 1.0:
         return
 
     def keep_going(_: Any) -> bool:
         tell()
-        return monotonic() < until
+        return monotonic() - start < time.left
 
-    go_on(judge, settings, state, keep_going)
+    go_on(judge, settings, state, keep_going, lambda: time.spent(start))
 
 
 class _Clock:
-    """Shares a time among runs; what one leaves the next ones get.
-
-    Attributes
-    ----------
-    end : float
-        When all have to stop, by :func:`time.monotonic`.
-    """
+    """Shares a time among runs; what one leaves the next ones get."""
 
     def __init__(self, seconds: float | None, runs: int) -> None:
         if seconds is not None and not 0.0 <= seconds < np.inf:
             raise InputError(f"seconds must be a finite number >= 0, got {seconds!r}")
-        self.end = np.inf if seconds is None else monotonic() + seconds
-        self._runs = runs
+        self._seconds = np.inf if seconds is None else seconds
+        self._start, self._runs = monotonic(), runs
+        self._begun: dict[int, tuple[Time, float]] = {}
 
-    def until(self, k: int) -> float:
-        """When run k has to stop."""
+    def of_all(self) -> Time:
+        """The time of all runs that go on side by side."""
         now = monotonic()
-        return float(now + (self.end - now) / (self._runs - k))
+        time = Time(self._seconds, self._seconds - (now - self._start))
+        self._begun = dict.fromkeys(range(self._runs), (time, now))
+        return time
+
+    def of(self, k: int) -> Time:
+        """The time of run k, which begins now; the runs after it will have as much."""
+        now = monotonic()
+        left = (self._seconds - (now - self._start)) / (self._runs - k)
+        self._begun[k] = Time(max(left, 0.0), left), now
+        return self._begun[k][0]
+
+    def share(self, k: int, done: float) -> float:
+        """How far run k is: by what is done, or by its time."""
+        time, since = self._begun[k]
+        return max(done, time.spent(since))
 
 
 class _Keeper:
@@ -325,6 +360,7 @@ def _name_of(method: str, settings: Any, judge: Judge, runs: int) -> dict[str, A
     return {
         "version": VERSION, "method": method, "settings": asdict(settings), "trees": digest.hexdigest(),
         "space": ranges, "weights": asdict(judge.weights), "seed": judge.seed, "runs": runs,
+        "tip_share": judge.settings.tip_share,
     }  # fmt: skip
 
 
@@ -333,15 +369,17 @@ def _conclude(judge: Judge, settings: Any, states: list[Any], targets: Sequence[
     points = [np.asarray(state.point, np.float64) for state in states]
     check = Judge(
         targets, judge.space, samples=CHECK_SAMPLES, seed=judge.seed + CHECK_SEED, weights=judge.weights,
-        max_nodes=judge.settings.max_nodes,
+        max_nodes=judge.settings.max_nodes, tip_share=judge.settings.tip_share,
     )  # fmt: skip
+    points = [thickened(check, point, (1, 0)) for point in points]
     distances = tuple(check.mean_distance(check.trial(point, (0,))) for point in points)
     best = int(np.argmin(distances))
     parameters, age = judge.space.decode(points[best])
     values = []
     for point in points:
         kind, years = judge.space.decode(point)
-        values.append(kind.symbols() | {AGE: float(years)})
+        more = {d.symbol: d.value(x) for d, x in zip(judge.space.free, point, strict=True) if d.symbol == TIP}
+        values.append(kind.symbols() | {AGE: float(years)} | more)
     spread = {
         d.symbol: float(np.std([v[d.symbol] for v in values], ddof=1)) if len(values) > 1 else float("nan")
         for d in judge.space.free
@@ -351,7 +389,7 @@ def _conclude(judge: Judge, settings: Any, states: list[Any], targets: Sequence[
         parameters, age, *_parts(check, points[best], targets), distances, tuple(values), spread,
         tuple(_curve(settings, state) for state in states),
         sum(evaluations_of(settings, state) for state in states), judge.grown, judge.compared,
-        DONE if finished else STOPPED,
+        DONE if finished else STOPPED, judge.settings_at(points[best]).tip_share,
     )  # fmt: skip
 
 
@@ -372,7 +410,7 @@ def _parts(
     rows = []
     for j in range(check.samples):
         rng = np.random.default_rng([check.seed, 0, j])
-        tree = grow(parameters, age, rng=rng, settings=check.settings)
+        tree = grow(parameters, age, rng=rng, settings=check.settings_at(point))
         for target in targets:
             if tree.status != GROWN:
                 rows.append((1.0, 1.0, 1.0, 1.0))

@@ -173,11 +173,13 @@ def geometric_distance(a: TreeGraph | ClusterTree | Pieces, b: TreeGraph | Clust
     return minkowski_mean(geometric_differences(a, b))
 
 
-def compare_descriptors(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+def compare_descriptors(
+    one: NDArray[np.float64], two: NDArray[np.float64], softness: float = 1.0
+) -> NDArray[np.float64]:
     """As :func:`geometric_differences`, of descriptors that are there already."""
     resolution = np.empty(one.size)
     for k in range(0, one.size, 2):
         relative = LENGTH_RESOLUTION * min(one[k], two[k])
         finest = _RESOLUTION.get(PROPERTIES[k // 4], relative)
         resolution[k : k + 2] = finest, finest * finest
-    return differences(one, two, resolution)
+    return differences(one, two, resolution, softness)

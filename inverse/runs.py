@@ -6,6 +6,7 @@ done in slices, each by whoever has time: a thread, a process, a machine of a cl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Any
 
 from inverse.annealing import AnnealingSettings, Chain, anneal, start_chain
 from inverse.distance import Weights
-from inverse.evolution import Evolution, EvolutionSettings, evolve
+from inverse.evolution import Evolution, EvolutionSettings, Search, evolve
 from inverse.prior import first_point
 from inverse.space import SearchSpace
 from inverse.trials import Judge
@@ -23,6 +24,7 @@ from treegraph import InputError, TreeGraph
 __all__ = [
     "METHODS",
     "Task",
+    "Time",
     "advance",
     "check_settings",
     "evaluations_of",
@@ -34,6 +36,7 @@ __all__ = [
 ]
 
 METHODS = {"annealing": AnnealingSettings, "evolution": EvolutionSettings}
+NOT_YET = 0.999  # the share of a run that has yet to choose its result
 SLICE_SECONDS = 3.0  # for which a run goes on elsewhere before it reports
 
 
@@ -60,7 +63,7 @@ def first_state(settings: Any, judge: Judge, number: int) -> Chain | Evolution:
     if isinstance(settings, AnnealingSettings):
         return start_chain(judge, number)
     mean, spread = first_point(judge.space, judge.targets)
-    return Evolution(number, mean, spread)
+    return Evolution(number, [Search(mean)], spread)
 
 
 def restored(settings: Any, values: dict[str, Any]) -> Chain | Evolution:
@@ -78,7 +81,8 @@ def share_done(settings: Any, state: Any) -> float:
     """Share of a run that is done, 0 to 1."""
     if isinstance(settings, AnnealingSettings):
         return float(state.iteration / settings.iterations)
-    return float(min(state.evaluations / settings.evaluations, 1.0))
+    done = min(state.evaluations / settings.evaluations, 1.0)
+    return float(min(done, NOT_YET) if state.past else done)
 
 
 def evaluations_of(settings: Any, state: Any) -> int:
@@ -88,12 +92,21 @@ def evaluations_of(settings: Any, state: Any) -> int:
     return int(state.evaluations)
 
 
-def go_on(judge: Judge, settings: Any, state: Any, keep_going: Callable[[Any], bool]) -> None:
-    """Go on with a run until it is done or told to stop; ``state`` is changed."""
+def go_on(
+    judge: Judge,
+    settings: Any,
+    state: Any,
+    keep_going: Callable[[Any], bool],
+    spent: Callable[[], float],
+) -> None:
+    """Go on with a run until it is done or told to stop; ``state`` is changed.
+
+    ``spent`` tells which share of the time is over, if that is limited.
+    """
     if isinstance(settings, AnnealingSettings):
         anneal(judge, settings, state, keep_going=keep_going)
     else:
-        evolve(judge, settings, state, keep_going=keep_going)
+        evolve(judge, settings, state, keep_going=keep_going, spent=spent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +121,8 @@ class Task:
     settings : AnnealingSettings or EvolutionSettings
     seed : int
     weights : Weights
+    tip_share : float
+        Unless it is searched.
     workers : int
         Threads for one run.
     """
@@ -117,10 +132,35 @@ class Task:
     settings: Any
     seed: int
     weights: Weights
+    tip_share: float
     workers: int = 1
 
 
-def advance(task: Task, state: dict[str, Any], seconds: float) -> tuple[dict[str, Any], int, int]:
+@dataclass(frozen=True)
+class Time:
+    """What a fit has of it.
+
+    Attributes
+    ----------
+    total, left : float
+        Seconds; infinite without a limit.
+    """
+
+    total: float = math.inf
+    left: float = math.inf
+
+    def spent(self, since: float) -> float:
+        """Share that is over at :func:`time.monotonic` now, if ``left`` was that at ``since``."""
+        if math.isinf(self.total):
+            return 0.0
+        if not self.total > 0.0:
+            return 1.0
+        return min(max(1.0 - (self.left - (monotonic() - since)) / self.total, 0.0), 1.0)
+
+
+def advance(
+    task: Task, state: dict[str, Any], seconds: float, time: Time = Time()
+) -> tuple[dict[str, Any], int, int]:
     """Go on with a run for some seconds, at least one step.
 
     Parameters
@@ -129,6 +169,8 @@ def advance(task: Task, state: dict[str, Any], seconds: float) -> tuple[dict[str
     state : dict
         As :meth:`to_dict` made it.
     seconds : float
+    time : Time
+        Of the whole fit.
 
     Returns
     -------
@@ -136,13 +178,13 @@ def advance(task: Task, state: dict[str, Any], seconds: float) -> tuple[dict[str
     grown, compared : int
         Trees grown for it, and of these compared to the end.
     """
-    end = monotonic() + seconds
+    start = monotonic()
     known = restored(task.settings, state)
     with Judge(
         task.trees, task.space, samples=task.settings.samples, seed=task.seed, weights=task.weights,
-        workers=task.workers,
+        workers=task.workers, tip_share=task.tip_share,
     ) as judge:  # fmt: skip
-        go_on(judge, task.settings, known, lambda _: monotonic() < end)
+        go_on(judge, task.settings, known, lambda _: monotonic() - start < seconds, lambda: time.spent(start))
     return known.to_dict(), judge.grown, judge.compared
 
 
@@ -150,7 +192,7 @@ def spread_runs(
     executor: Executor,
     task: Task,
     states: list[Any],
-    end: float,
+    time: Time,
     told: Callable[[int], None],
 ) -> tuple[int, int]:
     """Go on with all runs side by side, slice by slice, until they are done or the time is over.
@@ -162,8 +204,8 @@ def spread_runs(
     task : Task
     states : list of Chain or Evolution
         Replaced by newer ones as these come in.
-    end : float
-        Of time, by :func:`time.monotonic`; what is under way then still ends, which takes a slice at most.
+    time : Time
+        What is under way when it is over still ends, which takes a slice at most.
     told : callable
         Called with the number of a run of which there is news.
 
@@ -173,11 +215,15 @@ def spread_runs(
     """
     grown = compared = 0
     under_way: dict[Future[Any], int] = {}
+    start = monotonic()
 
     def hand_out(k: int) -> None:
-        seconds = min(SLICE_SECONDS, end - monotonic())
+        left = time.left - (monotonic() - start)
+        seconds = min(SLICE_SECONDS, left)
         if seconds > 0.0 and share_done(task.settings, states[k]) < 1.0:
-            under_way[executor.submit(advance, task, states[k].to_dict(), seconds)] = k
+            under_way[
+                executor.submit(advance, task, states[k].to_dict(), seconds, Time(time.total, left))
+            ] = k
 
     try:
         for k in range(len(states)):

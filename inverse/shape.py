@@ -141,11 +141,13 @@ def shape_distance(a: TreeGraph | ClusterTree | Pieces, b: TreeGraph | ClusterTr
     return minkowski_mean(shape_differences(a, b))
 
 
-def compare_descriptors(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+def compare_descriptors(
+    one: NDArray[np.float64], two: NDArray[np.float64], softness: float = 1.0
+) -> NDArray[np.float64]:
     """As :func:`shape_differences`, of descriptors that are there already."""
     size = min(float(one[_IS_LENGTH].max()), float(two[_IS_LENGTH].max()))
     resolution = np.where(_IS_LENGTH, LENGTH_RESOLUTION * size, 0.0)
-    return differences(one, two, resolution)
+    return differences(one, two, resolution, softness)
 
 
 def _leaf_segments(pieces: Pieces) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -21,10 +21,15 @@ from treegraph import InputError
 if TYPE_CHECKING:
     from species import GrowthParameters
 
-__all__ = ["AGE", "Dimension", "SearchSpace", "search_space"]
+__all__ = ["AGE", "TIP", "Dimension", "SearchSpace", "search_space"]
 
 AGE = "t"
 """Symbol of the growth time, which is fitted with the 24 parameters."""
+
+TIP = "tip_radius"
+"""Name of the radius of a tip (m), which is fitted too where wood is not as thick as the model's."""
+
+TIP_SHARES = (0.0005, 0.2)  # what the growth model takes, in internode lengths
 
 #: Symbol, low, high, scale. "root": evenly in the square root (of a variance), "log": in the logarithm.
 _RANGES = (
@@ -49,7 +54,7 @@ _RANGES = (
     ("PT", -0.1, 0.8, "linear"),
     ("GT", -0.2, 0.8, "linear"),
     ("PF", 0.0, 1.5, "linear"),
-    ("LB_PF", 0.0, 0.6, "height"),
+    ("LB_PF", 0.0, 0.95, "height"),
     ("GBS", 0.0, 1.5, "linear"),
     ("GBA", 0.0, 1.0, "linear"),
     (AGE, 3, 30, "whole"),
@@ -116,7 +121,7 @@ class SearchSpace:
     Attributes
     ----------
     dimensions : tuple of Dimension
-        The 24 parameters in the order of the paper, then the age.
+        The 24 parameters in the order of the paper, then the age; the radius of a tip, if that is searched.
     """
 
     dimensions: tuple[Dimension, ...]
@@ -147,12 +152,23 @@ class SearchSpace:
         left = iter(shares.tolist())
         values = {d.symbol: d.value(0.5 if d.is_fixed else next(left)) for d in self.dimensions}
         age = int(values.pop(AGE))
+        values.pop(TIP, None)
         return GrowthParameters.from_symbols(values), age
+
+    def tip_share(self, point: ArrayLike) -> float | None:
+        """Radius of a tip at a point, as a share of the internode length; None if it is not searched."""
+        shares = dict(zip((d.symbol for d in self.free), np.asarray(point, np.float64).tolist(), strict=True))
+        if TIP not in shares:
+            return None
+        value = {
+            d.symbol: d.value(shares.get(d.symbol, 0.5)) for d in self.dimensions if d.symbol in (TIP, "IBL")
+        }
+        return float(np.clip(value[TIP] / value["IBL"], *TIP_SHARES))
 
     def encode(self, parameters: GrowthParameters, age: int) -> NDArray[np.float64]:
         """The point of growth parameters and an age; what lies outside the bounds is moved to them."""
         values = parameters.symbols() | {AGE: float(age)}
-        shares = [d.share(min(max(values[d.symbol], d.low), d.high)) for d in self.free]
+        shares = [d.share(min(max(values.get(d.symbol, d.value(0.5)), d.low), d.high)) for d in self.free]
         return np.array(shares)
 
 
@@ -161,6 +177,7 @@ def search_space(
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     fixed: Mapping[str, float] | None = None,
+    tip_radius: tuple[float, float] | None = None,
 ) -> SearchSpace:
     """The space in which trees of a height are searched.
 
@@ -172,6 +189,8 @@ def search_space(
         Other bounds, by symbol or name of the parameter, ``"t"`` or ``"age"``.
     fixed : mapping of str to float, optional
         Parameters that are not searched.
+    tip_radius : (low, high), optional
+        Where the radius of a tip is searched, metres, > 0; by default not at all.
 
     Returns
     -------
@@ -204,6 +223,8 @@ def search_space(
         accepted = _accepted(symbol)
         span = tuple(min(max(unit * value, accepted[0]), accepted[1]) for value in (low, high))
         dimensions.append(_dimension(symbol, chosen.get(symbol, span), kind, accepted))
+    if tip_radius is not None:
+        dimensions.append(Dimension(TIP, *tip_radius, "log"))
     space = SearchSpace(tuple(dimensions))
     if not space.n_free:
         raise InputError("a fit must have at least one parameter that is not fixed")

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,13 @@ from numpy.typing import NDArray
 from inverse import geometry, shape
 from inverse.comparing import minkowski_mean
 from inverse.distance import EQUAL_WEIGHTS, Description, Weights, describe_tree
+from inverse.pieces import cut_into_pieces
 from inverse.space import SearchSpace
 from inverse.structure import bounds_of, distance_of
 from treegraph import ClusterTree, InputError, TreeGraph
+
+if TYPE_CHECKING:
+    from species import GrowthSettings
 
 __all__ = ["Judge", "Trial", "is_no_farther"]
 
@@ -29,9 +33,10 @@ UNKNOWN, BOUNDED, EXACT = 0, 1, 2
 """What is known of a sample: nothing, its tree with bounds of its distance, its distance."""
 
 ROUNDING = 1e-9  # sums closer than this are compared by their exact values
+PIECE_NODES = 4  # a target counts as no more nodes than that for each piece, however finely it is sampled
 NODE_FACTOR, NODE_ROOM = (
-    4,
-    500,
+    3,
+    200,
 )  # a grown tree may have so many times the nodes of the largest target, and some
 
 
@@ -49,6 +54,10 @@ class Trial:
         Bounds of D_T of each sample; equal where it is known.
     known : (samples,) uint8
         UNKNOWN, BOUNDED or EXACT.
+    softness : float
+        Of the differences in shape and geometry, see :func:`inverse.comparing.differences`; 1 is D_T.
+    plain : (samples,) float64
+        D_T itself of the samples that are known, whatever the softness.
     """
 
     point: NDArray[np.float64]
@@ -56,6 +65,8 @@ class Trial:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     known: NDArray[np.uint8]
+    softness: float
+    plain: NDArray[np.float64]
     _kept: dict[int, Any] = field(default_factory=dict)
 
     @property
@@ -67,6 +78,15 @@ class Trial:
     def total(self) -> float:
         """Sum of the distances, in the order of the samples; of what is known exactly only."""
         return float(self.low.sum())
+
+
+@dataclass(frozen=True)
+class Size:
+    """Of a tree: height (m), length times thickness of its pieces (m2), and how many these are."""
+
+    height: float
+    wood: float
+    pieces: int
 
 
 class Judge:
@@ -84,7 +104,10 @@ class Judge:
     workers : int
         Threads; the results do not depend on them.
     max_nodes : int, optional
-        Where growth is stopped. By default three times the nodes of the largest target, and 200.
+        Where growth is stopped. By default three times the nodes of the largest target, and 200; of a finely
+        sampled one four nodes for each branch between forks count.
+    tip_share : float
+        How thick wood is, see :class:`species.GrowthSettings`.
 
     Raises
     ------
@@ -102,6 +125,7 @@ class Judge:
         weights: Weights = EQUAL_WEIGHTS,
         workers: int = 1,
         max_nodes: int | None = None,
+        tip_share: float = 0.01,
     ) -> None:
         from species import GrowthSettings
 
@@ -114,8 +138,12 @@ class Judge:
             if not float(target.pieces.length.sum()) > 0.0:
                 raise InputError(f"a tree to fit must have some length, but tree {k} has none")
         self.space, self.samples, self.seed, self.weights = space, samples, seed, weights
-        largest = max(target.pieces.graph.n_nodes for target in self.targets)
-        self.settings = GrowthSettings(max_nodes=max_nodes or NODE_FACTOR * largest + NODE_ROOM)
+        largest = max(
+            min(target.pieces.graph.n_nodes, PIECE_NODES * target.pieces.n_pieces) for target in self.targets
+        )
+        self.settings = GrowthSettings(
+            max_nodes=max_nodes or NODE_FACTOR * largest + NODE_ROOM, tip_share=tip_share
+        )
         self.grown = self.compared = 0
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
         self.workers = workers
@@ -129,10 +157,15 @@ class Judge:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def trial(self, point: NDArray[np.float64], key: tuple[int, ...]) -> Trial:
+    def settings_at(self, point: NDArray[np.float64]) -> GrowthSettings:
+        """How trees grow at a point, beside its parameters."""
+        share = self.space.tip_share(point)
+        return self.settings if share is None else replace(self.settings, tip_share=share)
+
+    def trial(self, point: NDArray[np.float64], key: tuple[int, ...], softness: float = 1.0) -> Trial:
         """A trial of which nothing is known yet."""
         n = self.samples
-        return Trial(point, key, np.zeros(n), np.ones(n), np.zeros(n, np.uint8))
+        return Trial(point, key, np.zeros(n), np.ones(n), np.zeros(n, np.uint8), softness, np.ones(n))
 
     def bound(self, wanted: Iterable[tuple[Trial, int]]) -> None:
         """Grow trees of some trials' samples; their shape and geometry, once found, bound their distance."""
@@ -146,20 +179,38 @@ class Judge:
     def settle(self, wanted: Iterable[tuple[Trial, int]]) -> None:
         """Find the distances of some trials' samples exactly, side by side."""
 
-        def work(item: tuple[Trial, int]) -> tuple[float, bool]:
+        def work(item: tuple[Trial, int]) -> tuple[float, float, bool]:
             trial, j = item
             if trial.known[j] == BOUNDED:
-                return self._compare(trial._kept[j]), True
+                return *self._compare(trial._kept[j]), True
             distance, _, kept = self._grow(item)
-            return (distance, False) if kept is None else (self._compare(kept), True)
+            return (distance, distance, False) if kept is None else (*self._compare(kept), True)
 
         todo = [(trial, j) for trial, j in wanted if trial.known[j] != EXACT]
-        for (trial, j), (distance, compared) in zip(todo, self._map(work, todo), strict=True):
+        for (trial, j), (distance, plain, compared) in zip(todo, self._map(work, todo), strict=True):
             self.grown += int(trial.known[j] == UNKNOWN)
             self.compared += int(compared)
             trial.low[j] = trial.high[j] = distance
+            trial.plain[j] = plain
             trial.known[j] = EXACT
             trial._kept.pop(j, None)
+
+    def sizes(self, points: Sequence[NDArray[np.float64]], key: tuple[int, ...]) -> list[Size]:
+        """Size of a tree at each point; all 0 if it outgrows the limit."""
+        from species import grow
+        from species.growth import GROWN
+
+        def work(point: NDArray[np.float64]) -> Size:
+            parameters, age = self.space.decode(point)
+            rng = np.random.default_rng([self.seed, *key])
+            tree = grow(parameters, age, rng=rng, settings=self.settings_at(point))
+            if tree.status != GROWN:
+                return Size(0.0, 0.0, 0)
+            pieces = cut_into_pieces(tree.tree)
+            return Size(tree.height, float(pieces.length @ pieces.thickness), pieces.n_pieces)
+
+        self.grown += len(points)
+        return self._map(work, points)
 
     def settle_all(self, trial: Trial) -> float:
         """Sum of all samples' distances."""
@@ -183,30 +234,40 @@ class Judge:
         trial, j = item
         parameters, age = self.space.decode(trial.point)
         rng = np.random.default_rng([self.seed, *trial.key, j])
-        tree = grow(parameters, age, rng=rng, settings=self.settings)
+        tree = grow(parameters, age, rng=rng, settings=self.settings_at(trial.point))
         if tree.status != GROWN:
             return 1.0, 1.0, None
         found = describe_tree(tree.tree)
-        partial = np.empty(len(self.targets))
+        partial, plain = np.empty(len(self.targets)), np.empty(len(self.targets))
         low, high = 0.0, 0.0
         for k, target in enumerate(self.targets):
-            partial[k] = self.weights.mean(
-                minkowski_mean(shape.compare_descriptors(target.shape, found.shape)),
-                minkowski_mean(geometry.compare_descriptors(target.geometry, found.geometry)),
-                0.0,
-            )
+            plain[k] = partial[k] = self._partial(target, found, 1.0)
+            if trial.softness != 1.0:
+                partial[k] = self._partial(target, found, trial.softness)
             least, most = bounds_of(target.edit, found.edit)
             low += partial[k] + self.weights.structure * least
             high += partial[k] + self.weights.structure * most
         n = len(self.targets)
-        return low / n, high / n, (partial, found)
+        return low / n, high / n, (partial, plain, found)
 
-    def _compare(self, kept: tuple[NDArray[np.float64], Description]) -> float:
-        partial, found = kept
-        total = 0.0
-        for part, target in zip(partial, self.targets, strict=True):
-            total += float(part) + self.weights.structure * distance_of(target.edit, found.edit)
-        return total / len(self.targets)
+    def _partial(self, target: Description, found: Description, softness: float) -> float:
+        """What shape and geometry have in the distance."""
+        return self.weights.mean(
+            minkowski_mean(shape.compare_descriptors(target.shape, found.shape, softness)),
+            minkowski_mean(geometry.compare_descriptors(target.geometry, found.geometry, softness)),
+            0.0,
+        )
+
+    def _compare(
+        self, kept: tuple[NDArray[np.float64], NDArray[np.float64], Description]
+    ) -> tuple[float, float]:
+        partial, plain, found = kept
+        total, true = 0.0, 0.0
+        for part, other, target in zip(partial, plain, self.targets, strict=True):
+            structure = self.weights.structure * distance_of(target.edit, found.edit)
+            total += float(part) + structure
+            true += float(other) + structure
+        return total / len(self.targets), true / len(self.targets)
 
 
 def is_no_farther(judge: Judge, trial: Trial, current: Trial, slack: float) -> bool:

@@ -13,8 +13,9 @@ from treegraph.errors import InputError
 
 if TYPE_CHECKING:
     from inverse import Fit
+    from treegraph import TreeGraph
 
-__all__ = ["Budget", "format_fit", "parse_bounds", "parse_budget", "parse_fixed"]
+__all__ = ["Budget", "format_fit", "parse_bounds", "parse_budget", "parse_fixed", "read_target"]
 
 TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
 BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)?")
@@ -34,6 +35,26 @@ class Budget:
 
     evaluations: int | None = None
     seconds: float | None = None
+
+
+def read_target(path: Path, *, crown: bool = True, branches: int | None = None) -> TreeGraph:
+    """The tree of a file as it is fitted: with branches in its leaf clusters, without the thinnest.
+
+    Raises
+    ------
+    InputError, FormatError
+        If the file cannot be read, or its tree cannot be compared; the message begins with the path.
+    """
+    from inverse import describe_tree, fill_crown, thin_out
+    from sapwood.comparing import at_fault, read_graph
+    from sapwood.trees import is_lobes, read_tree
+    from treegraph import ClusterTree
+
+    tree = read_tree(path) if crown and is_lobes(path) else read_graph(path)
+    with at_fault(path):
+        describe_tree(tree)
+        graph = fill_crown(tree) if isinstance(tree, ClusterTree) else tree
+        return graph if branches is None else thin_out(graph, branches)
 
 
 def parse_budget(text: str) -> Budget:
@@ -118,7 +139,7 @@ def format_fit(fit: Fit, name: str, sources: Sequence[Path], method: str, seed: 
     from species import Preset, format_growth
 
     what = f"fitted to {', '.join(path.name for path in sources)}"
-    lines = [format_growth(Preset(name, fit.parameters, fit.age, what)), "[fit]"]
+    lines = [format_growth(Preset(name, fit.parameters, fit.age, what, fit.tip_share)), "[fit]"]
     values = {
         "method": method,
         "seed": seed,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,7 +187,9 @@ def grow_group(
     from species import GrowthSettings, Plant, Site, grow_stand
     from treegraph import Occluders
 
-    settings = GrowthSettings() if request.max_nodes is None else GrowthSettings(max_nodes=request.max_nodes)
+    settings = GrowthSettings(tip_share=request.kind.tip_share)
+    if request.max_nodes is not None:
+        settings = replace(settings, max_nodes=request.max_nodes)
     places = [(0.0, 0.0, 0.0), *neighbour_places(request.neighbours, request.spacing)]
     trees = grow_stand(
         [Plant(request.kind.parameters, place) for place in places],

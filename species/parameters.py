@@ -34,6 +34,8 @@ __all__ = [
 MAX_AGE = 200
 """Most growth cycles of a tree."""
 
+TIP_SHARE, TIP_SHARES = 0.01, (0.0005, 0.2)  # default and range, as in species.GrowthSettings
+
 MAX_FILE_BYTES = 100_000
 PRESET_FILE = "figure6.toml"
 
@@ -179,12 +181,16 @@ class Preset:
         Growth cycles after which it looks as it does in the paper, t of table 2.
     what : str
         One line on it.
+    tip_share : float, default 0.01
+        Radius of a tip as a share of the internode length, 0.0005 to 0.2: how thick all its wood is. None of
+        the paper's parameters; :class:`species.GrowthSettings` has it too.
     """
 
     name: str
     parameters: GrowthParameters
     age: int
     what: str = ""
+    tip_share: float = TIP_SHARE
 
 
 def _checked(entry: Any, value: Any) -> float | int:
@@ -255,6 +261,7 @@ def preset_of(name: str, table: Any) -> Preset:
         raise InputError(f"[{name}] must be a table of growth parameters")
     values = dict(table)
     age, what = values.pop("age", None), values.pop("what", "")
+    tip_share = _check_tip_share(values.pop("tip_share", TIP_SHARE))
     if age is None:
         raise InputError("age is missing: the number of growth cycles, as in `age = 20`")
     symbol = {entry.metadata["symbol"]: entry.name for entry in fields(GrowthParameters)}
@@ -262,7 +269,14 @@ def preset_of(name: str, table: Any) -> Preset:
     if len(named) < len(values):
         raise InputError("a growth parameter is given twice, by its name and by its symbol")
     names = {entry.name: entry for entry in fields(GrowthParameters)}
-    return Preset(name, GrowthParameters(**_complete(named, names)), check_age(age), str(what))
+    return Preset(name, GrowthParameters(**_complete(named, names)), check_age(age), str(what), tip_share)
+
+
+def _check_tip_share(value: Any) -> float:
+    low, high = TIP_SHARES
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(f"tip_share must be a number from {low} to {high}, got {value!r}")
+    return float(value)
 
 
 @cache
@@ -294,8 +308,8 @@ def read_growth(path: str | os.PathLike[str]) -> Preset:
     """Read growth parameters from a TOML file.
 
     The file has the keys ``age`` and all 24 parameters, by name or by symbol, at its top or in a table
-    ``[growth]``; ``name`` and ``what`` are optional. Anything outside ``[growth]``, if that is there, is left
-    alone.
+    ``[growth]``; ``name``, ``what`` and ``tip_share`` are optional. Anything outside ``[growth]``, if that is
+    there, is left alone.
 
     Raises
     ------
@@ -334,6 +348,8 @@ def format_growth(preset: Preset) -> str:
     lines = ["[growth]", f"name = {_quoted(preset.name)}", f"age = {preset.age}"]
     if preset.what:
         lines.append(f"what = {_quoted(preset.what)}")
+    if preset.tip_share != TIP_SHARE:
+        lines.append(f"tip_share = {preset.tip_share!r}  # radius of a tip as a share of IBL")
     entries = {entry.name: entry.metadata for entry in fields(GrowthParameters)}
     for name, value in asdict(preset.parameters).items():
         about = entries[name]

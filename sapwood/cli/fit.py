@@ -13,6 +13,7 @@ from sapwood.cli.terminal import Terminal
 if TYPE_CHECKING:
     from inverse import Fit
     from sapwood.fitting import Budget
+    from treegraph import TreeGraph
 
 SEARCH = "The search"
 
@@ -60,6 +61,20 @@ Fixed = Annotated[
 Bounds = Annotated[
     list[str] | None,
     o.option(SEARCH, "--bounds", metavar="NAME=LOW:HIGH", help="Where it is searched; repeatable."),
+]
+SkeletonOnly = Annotated[
+    bool,
+    o.option(
+        o.TREE,
+        "--skeleton-only",
+        help="Fit the branches that are there; by default a scan's go on into its leaf clusters.",
+    ),
+]
+Branches = Annotated[
+    int | None,
+    o.option(
+        o.TREE, "--branches", metavar="N", min=1, help="Leave the thinnest out, until so many are left."
+    ),
 ]
 Curve = Annotated[
     Path | None,
@@ -109,6 +124,8 @@ def fit(
     runs: Runs = 1,
     fixed: Fixed = None,
     bounds: Bounds = None,
+    skeleton_only: SkeletonOnly = False,
+    branches: Branches = None,
     picture: Curve = None,
     checkpoint: Checkpoint = None,
     jobs: Jobs = 1,
@@ -130,7 +147,7 @@ def fit(
     Angles, the distance of forks and the height are read off the trees; from there the search begins.
     """
     from sapwood.curves import check_curve_name, draw_curves
-    from sapwood.fitting import format_fit, parse_bounds, parse_budget, parse_fixed
+    from sapwood.fitting import format_fit, parse_bounds, parse_budget, parse_fixed, read_target
     from sapwood.outputs import check_free, write_whole
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
@@ -143,12 +160,13 @@ def fit(
     terminal.warn_of_compiling()
     start = perf_counter()
     how |= {"runs": runs, "checkpoint": checkpoint, "seed": seed}
-    found = _fit(terminal, trees, limits, method.value, jobs, dask, **how)
+    graphs = [read_target(path, crown=not skeleton_only, branches=branches) for path in trees]
+    found = _fit(terminal, trees, graphs, limits, method.value, jobs, dask, **how)
     text = format_fit(found, output.stem, trees, method.value, seed)
     write_whole(output, lambda path: path.write_text(text, encoding="utf-8"), force=force)
     if picture is not None:
         write_whole(picture, lambda path: draw_curves(found.curves, path), force=force)
-    if found.status == "stopped":
+    if found.status == "stopped" and method == Method.annealing:
         terminal.note("time ran out before the search was done")
     terminal.result(
         f"{output}: distance {found.distance:.4f} (shape {found.shape:.4f}, geometry {found.geometry:.4f}, "
@@ -159,17 +177,12 @@ def fit(
 
 
 def _fit(
-    terminal: Terminal, paths: list[Path], budget: Budget | None, method: str, jobs: int, dask: str | None,
-    **how: Any,
+    terminal: Terminal, paths: list[Path], graphs: list[TreeGraph], budget: Budget | None, method: str,
+    jobs: int, dask: str | None, **how: Any,
 ) -> Fit:  # fmt: skip
-    from inverse import describe_tree, fit_trees
-    from sapwood.comparing import at_fault, read_graph
+    from inverse import fit_trees
     from sapwood.spreading import open_workplace
 
-    graphs = [read_graph(path) for path in paths]
-    for path, graph in zip(paths, graphs, strict=True):
-        with at_fault(path):
-            describe_tree(graph)
     with (
         open_workplace(how["runs"], jobs, dask) as place,
         terminal.progress(None, f"{', '.join(map(str, paths))}: fitting") as bar,
@@ -189,9 +202,11 @@ def _fit(
 
 
 def _settings(method: str, budget: Budget | None) -> Any:
-    """The method's, with as many evaluations as the budget has."""
+    """The method's, with as many evaluations as the budget has; of a time the default method uses all."""
     from inverse import AnnealingSettings, EvolutionSettings
 
+    if budget is not None and budget.seconds is not None and method != "annealing":
+        return None
     evaluations = None if budget is None else budget.evaluations
     if method == "annealing":
         samples = AnnealingSettings().samples
@@ -221,6 +236,7 @@ def _say_json(
         geometry=found.geometry,
         structure=found.structure,
         age=found.age,
+        tip_share=found.tip_share,
         parameters=found.parameters.symbols(),
         distances=list(found.distances),
         runs=list(found.runs),

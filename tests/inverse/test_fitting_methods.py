@@ -16,11 +16,13 @@ from inverse import (
     describe_tree,
     fit_trees,
     guess_parameters,
+    guess_tip_share,
     search_space,
 )
 from inverse.annealing import Chain, anneal, propose, start_chain
-from inverse.evolution import Evolution, _adapt, _root, evolve, rank, reflected
-from inverse.prior import first_point
+from inverse.evolution import Evolution, Search, _adapt, _root, evolve, rank, reflected, soften
+from inverse.prior import first_point, survey_points
+from inverse.runs import Time
 from inverse.structure import bounds_of, distance_of
 from inverse.trials import BOUNDED, EXACT, Judge, is_no_farther
 from species import find_preset, grow
@@ -179,38 +181,117 @@ def test_proposal_stays_inside_and_is_symmetric():
 def test_evolution_finds_the_least_of_a_known_function():
     """An ellipsoid in place of trees: the strategy itself."""
     aim = np.linspace(0.2, 0.8, 8)
-    run = Evolution(0, np.full(8, 0.5), np.full(8, 0.2))
+    search, spread = Search(np.full(8, 0.5)), np.full(8, 0.2)
     scale = np.linspace(1.0, 30.0, 8)
     rng = np.random.default_rng(0)
     for _ in range(300):
-        root = _root(run.covariance)
+        root = _root(search.covariance)
         steps = rng.standard_normal((12, 8)) @ root.T
-        points = run.mean + run.sigma * run.spread * steps
+        points = search.mean + search.sigma * spread * steps
         order = np.argsort([((scale * (reflected(p) - aim)) ** 2).sum() for p in points])
-        _adapt(run, steps[order], root)
-        run.generation += 1
-    npt.assert_allclose(run.point, aim, atol=1e-4)
+        _adapt(search, spread, steps[order], root)
+        search.generation += 1
+    npt.assert_allclose(search.point, aim, atol=1e-4)
 
 
-def test_rank_measures_the_best_with_all_samples_and_the_worst_with_few():
-    one = judge(samples=8)
+@pytest.mark.parametrize("softness", [1.0, 3.0])
+def test_rank_is_that_of_one_tree_each_where_it_matters(softness):
+    one, full = judge(samples=8), judge(samples=8)
+    points = [np.random.default_rng(k).random(25) for k in range(8)]
+    order, cost, best = rank(one, [one.trial(point, (0, 1), softness) for point in points])
+    table = [full.trial(point, (0, 1), softness) for point in points]
+    full.settle((trial, 0) for trial in table)
+    assert order[:4] == sorted(range(8), key=lambda k: table[k].low[0])[:4]
+    npt.assert_allclose(best, np.mean([table[k].plain[0] for k in order[:2]]))
+    assert one.grown == cost == 8
+    assert one.compared <= full.compared
+
+
+def test_rank_looks_closely_at_the_best():
+    one, full = judge(samples=8), judge(samples=8)
     trials = [one.trial(np.random.default_rng(k).random(25), (0, 1)) for k in range(8)]
-    order, cost, best = rank(one, trials)
+    order, cost, best = rank(one, trials, closely=True)
     assert sorted(order) == list(range(8))
-    assert cost == 8 * 2 + 4 * 2 + 2 * 4 == one.grown
+    assert cost == 8 + 4 * 3 + 2 * 4 == one.grown
     assert [int((trials[k].known == EXACT).sum()) for k in order[:4]] == [8, 8, 4, 4]
     npt.assert_allclose(best, np.mean([trials[k].low.mean() for k in order[:2]]))
-    # The same by full evaluation: who is left out, and in which order the others are.
-    full = judge(samples=8)
-    table = []
-    for k in range(8):
-        again = full.trial(trials[k].point, (0, 1))
-        full.settle_all(again)
-        table.append(again.low)
-    left = sorted(range(8), key=lambda k: table[k][:2].sum())[:4]
-    left.sort(key=lambda k: table[k][:4].sum())
+    table = np.array([full.settle_all(again) and again.low for again in (
+        full.trial(trials[k].point, (0, 1)) for k in range(8))])  # fmt: skip
+    left = sorted(range(8), key=lambda k: table[k, 0])[:4]
+    left.sort(key=lambda k: table[k, :4].sum())
     assert order[:4] == sorted(left[:2], key=lambda k: table[k].sum()) + left[2:]
-    assert one.compared < 32
+
+
+def test_softness_falls_to_none():
+    assert soften(0.0) == 5.0
+    assert soften(0.4) == pytest.approx(5.0**0.5)
+    assert soften(0.8) == soften(1.0) == 1.0
+
+
+def test_soft_trial_knows_the_distance_itself():
+    """Softer differences are smaller; the structure's are what they are."""
+    one, point = judge(), SPACE.encode(find_preset("F6b").parameters, 8)
+    hard, soft = one.trial(point, (0, 1)), one.trial(point, (0, 1), 4.0)
+    one.settle_all(hard)
+    one.settle_all(soft)
+    npt.assert_array_equal(hard.plain, hard.low)
+    npt.assert_allclose(soft.plain, hard.low)
+    assert (soft.low < hard.low).all()
+
+
+def test_survey_has_the_size_of_the_target():
+    one = judge()
+    guess, spread = first_point(SPACE, one.targets)
+    points = survey_points(one, guess, spread, 40, np.random.default_rng(0))
+    assert len(points) == 40
+    assert one.grown == 160
+    assert all(((point >= 0.0) & (point <= 1.0)).all() for point in points)
+    wanted = float(TARGET.position[:, 2].max()), one.targets[0].pieces.n_pieces
+    drawn = [np.random.default_rng(k).random(25) for k in range(40)]
+    off = []
+    for some in (points, drawn):
+        sizes = np.array([(s.height, s.pieces) for s in one.sizes(some, (5,)) if s.pieces])
+        assert len(sizes) > 10
+        off.append(np.median(np.abs(np.log(sizes / wanted)), axis=0))
+    assert (off[0] < 0.7 * off[1]).all()
+
+
+def test_searches_are_given_up_one_half_after_the_other():
+    one, settings = judge(), EvolutionSettings(evaluations=900, samples=4, population=6)
+    mean, spread = first_point(SPACE, one.targets)
+    run = Evolution(0, [Search(mean)], spread)
+    seen = []
+
+    def watch(state):
+        seen.append((state.evaluations / 900, len(state.searches), state.found is None))
+        return True
+
+    evolve(one, settings, run, keep_going=watch)
+    assert [n for share, n, over in seen if share >= 0.55] == [1] * sum(share >= 0.55 for share, *_ in seen)
+    assert {n for share, n, over in seen if over and share < 0.25} == {4}
+    assert {2} <= {n for _, n, _ in seen}
+    assert not any(over for share, _, over in seen if share < 0.1)
+    assert run.evaluations == one.grown
+
+
+def test_time_stands_for_evaluations():
+    """What is nearly over has one search and no softness left, however few trees were grown."""
+    one, settings = judge(), EvolutionSettings(evaluations=10**9, samples=4, population=6)
+    mean, spread = first_point(SPACE, one.targets)
+    run = Evolution(0, [Search(mean)], spread)
+    clock = iter(np.linspace(0.0, 0.99, 30))
+    evolve(one, settings, run, spent=lambda: next(clock, 1.0), keep_going=lambda _: next(clock, 1.0) < 0.95)
+    assert len(run.searches) == 1
+    assert run.found is None
+
+
+@pytest.mark.parametrize("left, total, after, want", [
+    (10.0, 10.0, 0.0, 0.0), (10.0, 10.0, 5.0, 0.5), (4.0, 10.0, 2.0, 0.8), (4.0, 10.0, 9.0, 1.0),
+    (0.0, 0.0, 0.0, 1.0), (math.inf, math.inf, 5.0, 0.0),
+])  # fmt: skip
+def test_share_of_time(monkeypatch, left, total, after, want):
+    monkeypatch.setattr("inverse.runs.monotonic", lambda: 100.0 + after)
+    assert Time(total, left).spent(100.0) == pytest.approx(want)
 
 
 def test_evolution_gets_nearer():
@@ -324,6 +405,12 @@ def test_fit_says_what_it_is():
     assert repr(fit).startswith(f"<Fit {fit.distance:.4f} after {fit.age} cycles, 2 runs, ")
 
 
+def test_time_without_settings_is_used():
+    fit = fit_trees([TARGET], seconds=1.5)
+    assert fit.evaluations > 100
+    assert fit.distance < 0.7
+
+
 def test_time_runs_out():
     fit = fit_trees([TARGET], settings=EvolutionSettings(evaluations=10**9), seconds=0.0)
     assert fit.status == "stopped"
@@ -339,6 +426,20 @@ def test_guess_is_near(seed):
     assert abs(guess["BAM"] - kind.branching_angle_mean_deg) < 15
     assert abs(math.log(guess["IBL"] / kind.internode_length)) < 0.4
     assert set(guess) == {d.symbol for d in SPACE.dimensions}
+
+
+def test_thickness_is_read_off_where_it_is_not_the_models_own():
+    tree = grown("F6b", 11, 1)
+    assert guess_tip_share([describe_tree(tree)]) == 0.01
+    thick = tree.replace(radius=8.0 * tree.radius)
+    share = guess_tip_share([describe_tree(thick)])
+    assert 0.05 < share < 0.16
+    assert guess_tip_share([describe_tree(tree.replace(radius=1000.0 * tree.radius))]) == 0.2
+    fit = fit_trees([thick], settings=EvolutionSettings(evaluations=60, population=6), seed=1)
+    assert 0.2 * share < fit.tip_share <= 0.2
+    assert fit_trees([tree], tip_share=0.03, settings=EvolutionSettings(1)).tip_share == 0.03
+    with pytest.raises(InputError, match="tip_share must be from 0.0005 to 0.2"):
+        fit_trees([tree], tip_share=0.5)
 
 
 @pytest.mark.parametrize("parent", [[-1, 0], [-1, 0, 0, 0], [-1, 0, 1, 2, 3]])
@@ -405,7 +506,9 @@ def test_samples_of_judge_and_settings_must_agree():
     with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
         anneal(judge(), AnnealingSettings(), start_chain(judge(), 0))
     with pytest.raises(InputError, match="samples must be 8 as in the settings, got 4"):
-        evolve(judge(), EvolutionSettings(samples=8), Evolution(0, np.full(25, 0.5), np.full(25, 0.1)))
+        evolve(
+            judge(), EvolutionSettings(samples=8), Evolution(0, [Search(np.full(25, 0.5))], np.full(25, 0.1))
+        )
 
 
 @pytest.mark.parametrize(
@@ -427,7 +530,7 @@ def test_damaged_states(tmp_path):
     path = tmp_path / "state.json"
     fit_trees([TARGET], settings=EvolutionSettings(evaluations=1, samples=4, population=4), checkpoint=path)
     state = json.loads(path.read_text())
-    del state["runs"][0]["mean"]
+    del state["runs"][0]["searches"][0]["mean"]
     path.write_text(json.dumps(state))
     with pytest.raises(InputError, match="the state of a run is damaged: KeyError 'mean'"):
         fit_trees(

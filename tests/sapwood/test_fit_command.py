@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import treegraph
 from sapwood.fitting import Budget, parse_bounds, parse_budget, parse_fixed
 from species import find_preset, grow, read_growth
 from treegraph import InputError, TreeGraph, write_swc
@@ -165,9 +166,11 @@ def test_annealing_and_several_trees(run, tree):
 
 
 def test_time(run, tree):
-    done = run("sapwood", "fit", tree, "-o", "kind.toml", "--budget", "0.2s")
-    assert done.code == 0
-    assert done.err.splitlines() == ["note: time ran out before the search was done"]
+    done = run("sapwood", "fit", tree, "-o", "kind.toml", "--budget", "0.5s")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.startswith("kind.toml: distance 0.")
+    long = run("sapwood", "fit", tree, "-o", "other.toml", "--budget", "0.2s", "--method", "annealing")
+    assert long.err.splitlines() == ["note: time ran out before the search was done"]
     assert done.out.startswith("kind.toml: distance 0.")
 
 
@@ -193,6 +196,70 @@ def test_errors(run, tree, tmp_path, arguments, match):
     assert done.code == 2
     assert match in done.error
     assert not (tmp_path / "x.toml").exists()
+
+
+def test_branches_go_on_into_the_leaves_of_a_scan(scans, tmp_path):
+    """What is fitted has more branches than the skeleton, or only that, or only so many."""
+    import sapwood
+    from inverse import cut_into_pieces
+    from sapwood.fitting import read_target
+
+    made = sapwood.reconstruct(scans / "leafy.xyz")
+    path = tmp_path / "leafy.lobes"
+    treegraph.write_lobes(made.tree, path)
+    own = made.tree.graph.n_nodes
+    assert read_target(path, crown=False).n_nodes == own
+    filled = read_target(path)
+    assert filled.n_nodes >= own
+    assert cut_into_pieces(read_target(path, branches=3)).n_pieces <= 3
+
+
+@pytest.mark.parametrize("suffix", ["swc", "lobes"])
+def test_empty_files_and_numbers_that_are_none(run, tmp_path, suffix):
+    for name, text in (("empty", b""), ("nan", b"1 1 0 0 0 nan -1\n2 1 0 0 nan 1 1\n"), ("text", b"a tree")):
+        (tmp_path / f"{name}.{suffix}").write_bytes(text)
+        done = run("sapwood", "fit", f"{name}.{suffix}", "-o", "x.toml", *FEW)
+        assert done.code == 2
+        assert done.error.startswith(f"{name}.{suffix}: ")
+    assert not (tmp_path / "x.toml").exists()
+
+
+def test_bush_of_ten_thousand_tips_ends_with_a_reason_or_is_thinned(run, tmp_path):
+    rng = np.random.default_rng(0)
+    tips = rng.normal(size=(10_000, 3)) * 0.4 + (0.0, 0.0, 3.0)
+    position = np.concatenate([[[0, 0, 0], [0, 0, 2]], tips])
+    radius = np.concatenate([[0.2, 0.2], rng.uniform(0.002, 0.01, 10_000)])
+    write_swc(TreeGraph([-1, 0] + [1] * 10_000, position, radius), tmp_path / "bush.swc")
+    start = time.monotonic()
+    done = run("sapwood", "fit", "bush.swc", "-o", "x.toml", *FEW)
+    assert (done.code, time.monotonic() - start < 20.0) == (2, True)
+    assert done.error == (
+        "a tree to fit must have at most 4000 branches between forks, but tree 0 has 10001; leave its "
+        "thinnest ones out (--branches, inverse.thin_out)"
+    )
+    assert run("sapwood", "fit", "bush.swc", "-o", "x.toml", *FEW, "--branches", "40").code == 0
+
+
+def test_what_is_fitted_can_be_a_species(run, tree, tmp_path):
+    """The [growth] table in place of a species' own: it builds, and grows."""
+    assert run("sapwood", "fit", tree, "-o", "kind.toml", *FEW).code == 0
+    assert run("sapwood", "species", "show", "oak", "-o", "mine.toml").code == 0
+    text = (tmp_path / "mine.toml").read_text().replace('name = "Oak"', 'name = "Mine"', 1)
+    before, _, after = text.partition("[growth]")
+    rest = after.partition("\n[")[1] + after.partition("\n[")[2]
+    fitted = (tmp_path / "kind.toml").read_text().partition("[fit]")[0].replace('name = "kind"\n', "")
+    others = "\n".join(line for line in before.splitlines() if not line.startswith("also"))
+    (tmp_path / "mine.toml").write_text(others + "\n" + fitted + rest)
+    built = run("sapwood", "species", "build", "mine.toml", "--no-sheet")
+    assert built.code == 0, built.err
+    grown = run(
+        "sapwood", "grow", "--species", "Mine", "--library", ".", "--seed", "2", "-o", "tree.swc", "--json"
+    )
+    assert grown.code == 0, grown.err
+    again = run("sapwood", "grow", "kind.toml", "--seed", "2", "-o", "same.swc")
+    assert again.code == 0
+    rows = [(tmp_path / name).read_text().splitlines()[-5:] for name in ("tree.swc", "same.swc")]
+    assert rows[0] == rows[1]
 
 
 def test_outputs_are_not_replaced(run, tree, tmp_path):
