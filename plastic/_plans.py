@@ -82,6 +82,10 @@ class Work(NamedTuple):
     affected: np.ndarray  # (k,) bool: something of the tree is not as it came in
     fallen: np.ndarray  # (k,) bool: a branch died
     news: np.ndarray  # (k,) bool: a node may not be as in the last run, so that clusters have to be looked at
+    bent: np.ndarray  # (k, seasons) bool: a living node of the season is turned
+    stirred: np.ndarray  # (k, seasons) bool: a node of it may be dirty
+    boxed: np.ndarray  # (k, seasons) bool: `box` is of the nodes as they are
+    box: np.ndarray  # (k, seasons, 7) lowest and highest corner of a season's nodes, and its longest segment
     buried: np.ndarray  # (k,) bool: its foot is inside an obstacle
     counts: np.ndarray  # (4,) int64: sites shaded by clusters, by obstacles, weighed, nodes turned
 

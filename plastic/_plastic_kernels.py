@@ -129,6 +129,74 @@ def _is_near(bounds, x, y, z, reach):
 
 
 @_jit
+def _fill_box(a, b, position, length, box):
+    """Lowest and highest corner of some nodes, and their longest segment."""
+    for axis in range(3):
+        box[axis], box[3 + axis] = np.inf, -np.inf
+    box[6] = 0.0
+    for i in range(a, b):
+        for axis in range(3):
+            box[axis] = min(box[axis], position[i, axis])
+            box[3 + axis] = max(box[3 + axis], position[i, axis])
+        box[6] = max(box[6], length[i])
+
+
+@_jit
+def _is_clear(box, planes, bounds):
+    """Whether no obstacle comes as near to any node in a box as its segment is long."""
+    reach = box[6]
+    for k in range(planes.shape[0]):
+        away = 0.0
+        for axis in range(3):
+            slope = planes[k, 3 + axis]
+            corner = box[axis] if slope > 0.0 else box[3 + axis]
+            away += slope * (corner - planes[k, axis])
+        if away <= reach * (1.0 + 1e-9):
+            return False
+    for k in range(bounds.shape[0]):
+        d2 = 0.0
+        for axis in range(3):
+            gap = max(box[axis] - bounds[k, axis], bounds[k, axis] - box[3 + axis], 0.0)
+            d2 += gap * gap
+        far = (bounds[k, 3] + reach) * (1.0 + 1e-9)
+        if d2 <= far * far:
+            return False
+    return True
+
+
+@_jit
+def _stays(
+    tree, season, rebend, node_first, site_first, news, shifted, boxed, box, position, length, planes, bounds
+):
+    """Whether all nodes of a tree's season are as in the last run, so that none has to be asked.
+
+    So it is where nothing has changed in the tree so far, nothing fell in the last run, the light in which
+    the season grows has the same direction, and no obstacle is near.
+    """
+    if rebend or news[tree]:
+        return False
+    for s in range(site_first[tree, season], site_first[tree, season + 1]):
+        if shifted[s]:
+            return False
+    if not boxed[tree, season]:
+        a, b = node_first[tree, season], node_first[tree, season + 1]
+        _fill_box(a, b, position, length, box[tree, season])
+        boxed[tree, season] = True
+    return _is_clear(box[tree, season], planes, bounds)
+
+
+@_jit
+def _let_stay(tree, season, node_first, dirty, bent, stirred, affected):
+    """A season of which no node has to be asked."""
+    if stirred[tree, season]:
+        for i in range(node_first[tree, season], node_first[tree, season + 1]):
+            dirty[i] = False
+        stirred[tree, season] = False
+    if bent[tree, season]:
+        affected[tree] = True
+
+
+@_jit
 def bend(plan, work, solids, rules, tree, season, event):
     """Turn the segments of a tree's season; those that would enter an obstacle die with all they carry."""
     parent, look, length, pull = plan.parent, plan.look, plan.length, plan.pull
@@ -140,6 +208,7 @@ def bend(plan, work, solids, rules, tree, season, event):
     rebend, bending = rules.rebend, rules.bending
     affected, news = work.affected[tree], work.news[tree]
     n_turned = 0
+    any_turned = any_dirty = False
     for i in range(plan.node_first[tree, season], plan.node_first[tree, season + 1]):
         p = parent[i]
         if p < 0:
@@ -156,7 +225,7 @@ def bend(plan, work, solids, rules, tree, season, event):
         death[i] = ALIVE
         dirty[i] = stale
         if stale:
-            news = True
+            news = any_dirty = True
             gx, gy, gz = 0.0, 0.0, 0.0
             if s >= 0:
                 by = bending * pull[i]
@@ -164,7 +233,6 @@ def bend(plan, work, solids, rules, tree, season, event):
             if turned[p] or gx != 0.0 or gy != 0.0 or gz != 0.0:
                 _grow_segment(i, p, turned[p], gx, gy, gz, rest, lean, heading, length, turn, position)
                 turned[i] = True
-                affected = True
                 n_turned += 1
             else:
                 position[i, 0] = plan.position[i, 0]
@@ -172,8 +240,8 @@ def bend(plan, work, solids, rules, tree, season, event):
                 position[i, 2] = plan.position[i, 2]
                 turned[i] = False
             valid[i] = True
-        elif turned[i]:
-            affected = True
+        if turned[i]:
+            affected = any_turned = True
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         if (any_plane or _is_near(bounds, x, y, z, length[i])) and blocked(
             position[p, 0],
@@ -192,6 +260,10 @@ def bend(plan, work, solids, rules, tree, season, event):
             work.fallen[tree] = True
     work.affected[tree] = affected
     work.news[tree] = news
+    work.bent[tree, season] = any_turned
+    work.stirred[tree, season] = any_dirty
+    if any_dirty:
+        work.boxed[tree, season] = False
     work.counts[3] += n_turned
 
 
@@ -235,17 +307,27 @@ def _has_light(a, b, amount, base, share):
 
 
 @_jit
+def _may_prune(tree, season, pruning, slack, fallen, site_first, amount, base):
+    """Whether any branch of a tree's season may have too little light.
+
+    If no site has less than a share of its light, no psi_s(t) is below that share of what it was.
+    """
+    bar = pruning * slack[tree, season]
+    if fallen[tree] or bar > 1.0:
+        return True
+    return not _has_light(site_first[tree, season + 1], site_first[tree, season + 2], amount, base, bar)
+
+
+@_jit
 def prune(plan, work, rules, tree, season, event):
     """Let branches die whose resources for their length are too small (section 4.4.1).
 
     From the tips to the root: what falls does not count for what it hung on.
     """
-    bar = rules.pruning * plan.slack[tree, season]
-    if not work.fallen[tree] and bar <= 1.0:
-        # if no site has less than a share of its light, no psi_s(t) is below that share of what it was
-        a, b = plan.site_first[tree, season + 1], plan.site_first[tree, season + 2]
-        if _has_light(a, b, work.amount, plan.amount, bar):
-            return
+    if not _may_prune(
+        tree, season, rules.pruning, plan.slack, work.fallen, plan.site_first, work.amount, plan.amount
+    ):
+        return
     _seat_light(plan, work, tree, season)
     parent, least, death, cause = plan.parent, plan.least, work.death, work.cause
     gathered, carried = work.gathered, work.carried
@@ -364,6 +446,7 @@ def reset(plan, work):
     work.shift[:] = 0.0
     work.lit[:] = False
     work.fallen[:] = False
+    work.boxed[:] = False
     for s in range(work.living.size):
         work.living[s] = plan.seat_first[s + 1] - plan.seat_first[s]
 
@@ -390,20 +473,56 @@ def run(plan, work, events, sky, solids, rules, anew):
     if anew:
         reset(plan, work)
     begin(plan, work, solids)
-    room = make_room(sky, plan.radius.size)
+    room = make_room(sky, solids, plan.radius.size)
     seen = np.empty((0, 0), np.float32)
+    slack, fallen, site_first, amount, base = (
+        plan.slack,
+        work.fallen,
+        plan.site_first,
+        work.amount,
+        plan.amount,
+    )
+    node_first, length, planes, bounds = plan.node_first, plan.length, solids.planes, solids.bounds
+    news, shifted, position, dirty = work.news, work.shifted, work.position, work.dirty
+    boxed, box, bent, stirred, affected = work.boxed, work.box, work.bent, work.stirred, work.affected
+    changed, moved = work.changed, work.moved
     for e in range(events.first.size - 1):
         for a in range(events.first[e], events.first[e + 1]):
             tree, season = events.tree[a], events.season[a]
             if season == 0:
                 light(plan, work, events, sky, solids, rules, seen, tree, 0, e, room)
-            bend(plan, work, solids, rules, tree, season, e)
-            place(plan, work, tree, season + 1)
+            if _stays(
+                tree,
+                season,
+                rules.rebend or anew,
+                node_first,
+                site_first,
+                news,
+                shifted,
+                boxed,
+                box,
+                position,
+                length,
+                planes,
+                bounds,
+            ):
+                _let_stay(tree, season, node_first, dirty, bent, stirred, affected)
+            else:
+                bend(plan, work, solids, rules, tree, season, e)
+            if news[tree]:
+                place(plan, work, tree, season + 1)
+            else:
+                for s in range(site_first[tree, season + 1], site_first[tree, season + 2]):
+                    changed[s] = False
+                    moved[s] = False
         for a in range(events.first[e], events.first[e + 1]):
             tree, season = events.tree[a], events.season[a]
             light(plan, work, events, sky, solids, rules, seen, tree, season + 1, e, room)
         for a in range(events.first[e], events.first[e + 1]):
-            prune(plan, work, rules, events.tree[a], events.season[a], e)
+            tree, season = events.tree[a], events.season[a]
+            # asked here too, as to hand over the tuples takes longer than to find that nothing falls
+            if _may_prune(tree, season, rules.pruning, slack, fallen, site_first, amount, base):
+                prune(plan, work, rules, tree, season, e)
 
 
 @_jit

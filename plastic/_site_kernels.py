@@ -225,6 +225,51 @@ def _see_past(finer, trans):
 
 
 @_jit
+def _box_slopes(boxes, fine):
+    """1 / component of each finer direction along the axes of each box, (boxes, 3, 4 N) float32."""
+    one = np.float32(1.0)
+    slopes = np.empty((boxes.shape[0], 3, fine.shape[1]), np.float32)
+    for k in range(boxes.shape[0]):
+        for axis in range(3):
+            row = 3 + 3 * axis
+            a = np.float32(boxes[k, row])
+            b = np.float32(boxes[k, row + 1])
+            c = np.float32(boxes[k, row + 2])
+            for i in range(np.uint64(fine.shape[1])):
+                slopes[k, axis, i] = one / (a * fine[0, i] + b * fine[1, i] + c * fine[2, i])
+    return slopes
+
+
+@_jit
+def _shade_box(trans, slope0, slope1, slope2, box, px, py, pz):
+    """Slab test of one box in every direction; to the bit what the light model's own gives."""
+    zero = np.float32(0.0)
+    one = np.float32(1.0)
+    gamma = np.float32(box[15])
+    m0 = np.float32((box[0] - px) * box[3] + (box[1] - py) * box[4] + (box[2] - pz) * box[5])
+    m1 = np.float32((box[0] - px) * box[6] + (box[1] - py) * box[7] + (box[2] - pz) * box[8])
+    m2 = np.float32((box[0] - px) * box[9] + (box[1] - py) * box[10] + (box[2] - pz) * box[11])
+    h0 = np.float32(box[12])
+    h1 = np.float32(box[13])
+    h2 = np.float32(box[14])
+    for i in range(np.uint64(trans.size)):
+        mid0 = m0 * slope0[i]
+        mid1 = m1 * slope1[i]
+        mid2 = m2 * slope2[i]
+        half0 = h0 * abs(slope0[i])
+        half1 = h1 * abs(slope1[i])
+        half2 = h2 * abs(slope2[i])
+        near = mid0 - half0
+        far = mid0 + half0
+        near = mid1 - half1 if mid1 - half1 > near else near
+        far = mid1 + half1 if mid1 + half1 < far else far
+        near = mid2 - half2 if mid2 - half2 > near else near
+        far = mid2 + half2 if mid2 + half2 < far else far
+        near = near if near > zero else zero
+        trans[i] *= gamma if near <= far else one
+
+
+@_jit
 def _in_steps(value, base):
     """By how much the value differs from the base, as a whole number of steps."""
     return STEP * math.floor((value - base) / STEP + 0.5)
@@ -320,7 +365,7 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     ``room`` is scratch, from :func:`make_room`.
     """
     a, b = plan.site_first[tree, group], plan.site_first[tree, group + 1]
-    cells, finer, cap, hit, pair, trans, sites, fresh, others, new_others = room
+    cells, finer, cap, hit, pair, trans, sites, fresh, others, new_others, slopes, none, no_boxes = room
     n_own, n_new = 0, 0
     if group > 0:
         n_own, n_new = _own_sites(a, b, work.changed, work.living, sites, fresh)
@@ -341,6 +386,7 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     known = work.passed if keep else plan.passed
     planes, bounds, bright, fine, tile = solids.planes, solids.bounds, sky.bright, sky.fine, sky.grid[3]
     any_plane, any_mesh = planes.shape[0] > 0, seen.shape[0] > 0
+    any_round = any_plane or solids.balls.shape[0] > 0
     balls, boxes, weight, amount, shift = solids.balls, solids.boxes, sky.weight, work.amount, work.shift
     blur, tent, sin_tent = sky.reach[0], sky.reach[1], math.sin(sky.reach[1])
     rise = sin_tent / (1.0 - sin_tent)
@@ -349,12 +395,14 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
     former, earlier, radius = work.former, work.earlier, plan.radius
     arounds, outside, beyond_trees = work.around, work.outside, work.beyond
     n_shaded, n_solid, n_weighed = 0, 0, 0
-    n = n_own if rules.reshade or n_new > 0 else 0
-    packed = _pack_sites(sites, n, local, radius, work.translucency)
-    places, sizes, rank, top, mx, my, span = _sort_leaves(n, packed, sin_tent)
-    n = n_others if rules.reshade or n_new_others > 0 or any_moved else 0
-    packed = _pack_sites(others, n, center, radius, work.translucency)
-    places2, sizes2, rank2, top2, mx2, my2, span2 = _sort_leaves(n, packed, sin_tent)
+    places, sizes, rank, top, mx, my, span = none
+    if n_own > 0 and (rules.reshade or n_new > 0):
+        packed = _pack_sites(sites, n_own, local, radius, work.translucency)
+        places, sizes, rank, top, mx, my, span = _sort_leaves(n_own, packed, sin_tent)
+    places2, sizes2, rank2, top2, mx2, my2, span2 = none
+    if n_others > 0 and (rules.reshade or n_new_others > 0 or any_moved):
+        packed = _pack_sites(others, n_others, center, radius, work.translucency)
+        places2, sizes2, rank2, top2, mx2, my2, span2 = _sort_leaves(n_others, packed, sin_tent)
     at = 0
     for s in range(a, b):
         own = -1
@@ -434,7 +482,12 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
             n_solid += 1
             for i in range(np.uint64(finer.size)):
                 finer[i] = np.float32(1.0)
-            _shade_obstacles(x, y, z, planes, balls, boxes, fine[0], fine[1], fine[2], blur, tent, finer)
+            if any_round:
+                _shade_obstacles(
+                    x, y, z, planes, balls, no_boxes, fine[0], fine[1], fine[2], blur, tent, finer
+                )
+            for k in range(slopes.shape[0]):
+                _shade_box(finer, slopes[k, 0], slopes[k, 1], slopes[k, 2], boxes[k], x, y, z)
             _see_past(finer, trans)
         if any_mesh:
             _see_past(seen[s - a], trans)
@@ -449,8 +502,8 @@ def light(plan, work, events, sky, solids, rules, seen, tree, group, event, room
 
 
 @_jit
-def make_room(sky, n_sites):
-    """Scratch for :func:`light`."""
+def make_room(sky, solids, n_sites):
+    """Scratch for :func:`light`; what of the obstacles is the same for all sites; and no leaf spheres."""
     n_cells = sky.grid[0].size
     return (
         _open_sky(sky.grid),
@@ -463,4 +516,7 @@ def make_room(sky, n_sites):
         np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
         np.empty(n_sites, np.int32),
+        _box_slopes(solids.boxes, sky.fine),
+        _sort_leaves(0, np.empty(0), 0.5),
+        np.empty((0, 16)),
     )

@@ -101,6 +101,20 @@ class Adapted:
         kernels.read_nodes(position, death, cause, state._plan.position, state._order, out, alive, why)
         return cls(state, scene, out, alive, why, light.copy(), light_before, touched, placed)
 
+    def in_light(self, scene: Scene, light: NDArray[np.float64]) -> Adapted:
+        """The same tree, all of whose nodes are as they were, in another scene and its light."""
+        return Adapted(
+            self.state,
+            scene,
+            self.position,
+            self.alive,
+            self.cause,
+            light.copy(),
+            self.light_before,
+            self.touched,
+            self.placed,
+        )
+
     def with_neighbours(self, neighbours: tuple[Adapted, ...]) -> Adapted:
         """The same with the trees around it."""
         return replace(self, neighbours=neighbours)

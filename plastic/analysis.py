@@ -346,6 +346,7 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
     """Trees as they came in; with `cells` > 0 what their clusters let through is kept."""
 
     n, s, k = len(plan.parent), len(plan.radius), plan.node_first.shape[0]
+    seasons = plan.node_first.shape[1] - 1
     rows = s if cells else 0
     known = rows and plan.passed.shape == (rows, cells)
     passed = plan.passed.copy() if known else np.zeros((rows, cells), np.float32)
@@ -379,6 +380,10 @@ def fresh_work(plan: Any, *, cells: int) -> Any:
         affected=np.zeros(k, bool),
         fallen=np.zeros(k, bool),
         news=np.zeros(k, bool),
+        bent=np.zeros((k, seasons), bool),
+        stirred=np.ones((k, seasons), bool),
+        boxed=np.zeros((k, seasons), bool),
+        box=np.zeros((k, seasons, 7)),
         buried=np.zeros(k, bool),
         counts=np.zeros(4, np.int64),
     )

@@ -103,6 +103,7 @@ class Session:
         self._stand: _Stand | None = None
         self._work: Any = None
         self._last: tuple[Any, ...] = ()
+        self._results: tuple[Adapted, ...] = ()
 
     def adapt(self, scene: Scene) -> Adapted:
         """The tree in a scene; as :meth:`PlasticState.adapt`.
@@ -162,7 +163,9 @@ class Session:
         except BaseException:
             self._stand = None  # half a run is nothing to go on from
             raise
-        return tuple(_result(stand, self._work, k, scene) for k in range(len(trees)))
+        before_it = (None,) * len(trees) if fresh else self._results
+        self._results = tuple(_result(stand, self._work, k, scene, before_it[k]) for k in range(len(trees)))
+        return self._results
 
 
 def _same_trees(one: tuple[Neighbour, ...], two: tuple[Neighbour, ...]) -> bool:
@@ -229,7 +232,7 @@ def _run(
     if anew:
         kernels.reset(plan, work)
     kernels.begin(plan, work, solids)
-    room = sites.make_room(cells, len(plan.radius))
+    room = sites.make_room(cells, solids, len(plan.radius))
     nothing = np.empty((0, 0), np.float32)
 
     def look(e: int, tree: int, group: int) -> None:
@@ -435,26 +438,31 @@ def _pairs(plans: list[Any]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return first, np.concatenate(lists).astype(np.int32)
 
 
-def _result(stand: _Stand, work: Any, k: int, scene: Scene) -> Adapted:
-    """What has become of one tree, in its own frame."""
+def _result(stand: _Stand, work: Any, k: int, scene: Scene, last: Adapted | None) -> Adapted:
+    """What has become of one tree, in its own frame; nodes that are as in the last run are not copied."""
     tree = stand.trees[k]
     nodes = slice(int(stand.node_first[k]), int(stand.node_first[k + 1]))
     crown = tree.state.crown
-    last = slice(int(stand.site_first[k] + crown.first[-2]), int(stand.site_first[k] + crown.first[-1]))
+    now = slice(int(stand.site_first[k] + crown.first[-2]), int(stand.site_first[k] + crown.first[-1]))
+    if last is not None and not work.news[k]:
+        return last.in_light(scene, work.amount[now])
     position = work.position[nodes]
     if tree.turn or tree.position.any():
         back = (position - tree.position) @ turn_matrix(tree.turn)
         still = ~work.turned[nodes]
         back[still] = tree.state._plan.position[still]
         position = back
-    return Adapted.of_run(
+    result = Adapted.of_run(
         tree.state,
         position,
         work.death[nodes],
         work.cause[nodes],
-        work.amount[last],
-        stand.plan.amount[last],
+        work.amount[now],
+        stand.plan.amount[now],
         scene,
         bool(work.affected[k]),
         tree,
     )
+    for array in (result.position, result.alive, result.cause):
+        array.setflags(write=False)  # later results may share them
+    return result

@@ -73,6 +73,24 @@ def test_matches_the_reference(name):
     npt.assert_allclose(fast.light, slow.light, atol=1e-6)
 
 
+def test_boxes_shade_as_in_the_light_model():
+    from plastic import _site_kernels as sites
+    from plastic.analysis import make_sky
+    from plastic.stand import pack_solids
+    from treegraph._light_kernels import _shade_box
+
+    fine = make_sky(6, Sky()).fine
+    walls = (Box((1.0, 0.4, 2.0), (0.3, 4.0, 3.0)), make_wall((0, 1.5, 0), (0.6, -0.8, 0), width=5, height=2))
+    boxes = pack_solids(walls)[0].boxes
+    slopes = sites._box_slopes(boxes, fine)
+    for box, slope in zip(boxes, slopes, strict=True):
+        for point in ((0.0, 0.0, 0.1), (-2.0, 1.0, 3.0), (1.0, 0.4, 2.0), (5.0, 5.0, 9.0)):
+            one, other = (np.ones(fine.shape[1], np.float32) for _ in range(2))
+            _shade_box(one, fine[0], fine[1], fine[2], box, *point)
+            sites._shade_box(other, slope[0], slope[1], slope[2], box, *point)
+            npt.assert_array_equal(other, one)
+
+
 @pytest.mark.parametrize("kind, age", [("F6e", 8), ("F6c", 9)])
 def test_other_kinds_match_the_reference(kind, age):
     state = grown_state(age, kind)

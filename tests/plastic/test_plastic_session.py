@@ -99,6 +99,34 @@ def test_what_does_not_change_costs_nothing():
     assert counts(session) == [0, 0, 0, 0]
 
 
+def test_a_twig_dies_of_a_bead_that_takes_no_light():
+    """No site sees it: only the way of the branch itself says that it is there."""
+    state = grown_state(12)
+    at = state.tree.graph.position[-1]
+    scenes = [Scene((Ball(at + (way, 0.0, 0.0), 0.004),)) for way in (0.5, 0.0, 0.0, 0.5)]
+    session = Session(state)
+    alive = []
+    for scene in scenes:
+        adapted = session.adapt(scene)
+        assert same(adapted, state.adapt(scene))
+        alive.append(adapted.alive[-1])
+    assert alive == [True, False, False, True]
+
+
+def test_nodes_that_stay_are_not_copied():
+    state, session = grown_state(12), Session(grown_state(12))
+    for x in (6.0, 5.9999):
+        adapted = session.adapt(Scene((wall_at(x),)))
+    again = session.adapt(Scene((wall_at(5.9998),)))
+    assert again.position is adapted.position
+    assert not again.position.flags.writeable
+    assert same(again, state.adapt(Scene((wall_at(5.9998),))))
+    assert again.scene is not adapted.scene
+    gone = session.adapt(Scene())
+    assert gone.position is not adapted.position
+    assert gone.tree is state.tree
+
+
 def test_less_is_worked_out_anew_where_less_changes():
     """A ball beside the tips of one bough moves by a millimetre, and by a metre."""
     state = grown_state(14)
