@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from benchmarks.similarity import PUBLISHED, SIZES
 FITTED = (("F6a", 8, 1), ("F6b", 11, 2), ("F6c", 11, 1), ("F6d", 11, 1), ("F6f", 11, 3))
 SPEED_ITERATIONS = 400  # of annealing, in which the temperature falls as it does in 7500
 QUICK_ITERATIONS = 750
+PROCESSES = 2
 SAMPLES, CHECKS = 8, 16
 
 
@@ -47,8 +48,41 @@ def speed(workers: int) -> list[dict[str, Any]]:
                 f"{name}_per_cpu_s": SAMPLES * iterations / seconds,
                 f"{name}_compared": judge.compared / (SAMPLES * iterations),
             }
+        row |= side_by_side(tree, iterations, PROCESSES)
         rows.append(row | {"published_nodes": nodes, "published_per_s": per_second})
     return rows
+
+
+def side_by_side(tree: Any, iterations: int, processes: int) -> dict[str, Any]:
+    """Evaluations per second of as many chains as processes, in wall time and in their processor time."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    bare = type(tree)(tree.parent, tree.position, tree.radius)
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        list(pool.map(one_chain, [bare] * processes, [2] * processes, range(processes)))
+        start = perf_counter()
+        seconds = list(pool.map(one_chain, [bare] * processes, [iterations] * processes, range(processes)))
+        wall = perf_counter() - start
+    evaluations = SAMPLES * iterations * processes
+    return {
+        f"{processes}_processes_per_s": evaluations / wall,
+        f"{processes}_processes_per_cpu_s": evaluations / (sum(seconds) / processes),
+    }
+
+
+def one_chain(tree: Any, iterations: int, number: int) -> float:
+    """Processor seconds of one chain of annealing."""
+    from inverse import AnnealingSettings, search_space
+    from inverse.annealing import anneal, start_chain
+    from inverse.trials import Judge
+
+    space = search_space(float(np.ptp(tree.position[:, 2])))
+    with Judge([tree], space, seed=1) as judge:
+        chain = start_chain(judge, number)
+        start = process_time()
+        anneal(judge, AnnealingSettings(iterations=iterations), chain)
+        return process_time() - start
 
 
 def both_methods(iterations: int) -> list[dict[str, Any]]:

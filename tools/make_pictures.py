@@ -69,6 +69,19 @@ def two_trees() -> None:
     save_row("mapping.png", [draw_mapping(map_pieces(*trees), size=(720, 576)).image], columns=1)
 
 
+def fit_curves() -> None:
+    """How the distance of a fit falls, for two runs."""
+    import numpy as np
+
+    from inverse import EvolutionSettings, fit_trees
+    from sapwood.curves import draw_curves
+    from species import find_preset, grow
+
+    tree = grow(find_preset("F6b").parameters, 9, rng=np.random.default_rng(1)).tree
+    fit = fit_trees([tree], settings=EvolutionSettings(3000), runs=2, seed=SEED)
+    save_row("curve.png", [np.asarray(draw_curves(fit.curves))], columns=1, colors=32)
+
+
 def plastic_trees() -> None:
     """Two sample scans as they are, beside a high and beside a low wall, and what that changes."""
     import numpy as np
@@ -122,6 +135,7 @@ def main() -> None:
                 print(f"docs/pictures/{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB")
     grown_trees()
     two_trees()
+    fit_curves()
     plastic_trees()
 
 
