@@ -27,22 +27,58 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.virtual_trees import LibrarySource, Source, VirtualTree
+from benchmarks.virtual_trees import ANY, CITY, LibrarySource, Source, Variety, VirtualTree
 
-__all__ = ["Survey", "VirtualSet", "draw_survey", "load_set", "make_samples", "scan_tree"]
+__all__ = [
+    "CAMPAIGNS",
+    "Campaign",
+    "Survey",
+    "VirtualSet",
+    "draw_survey",
+    "load_set",
+    "make_samples",
+    "scan_tree",
+]
 
-KINDS = {"stations": 0.7, "street": 0.15, "air": 0.15}
-POINTS = (4_000, 60_000)  # that are aimed at, by kind ...
-POINTS_AIR = (800, 12_000)
-LEAST_POINTS = 300  # fewer are no scan of a tree
+LEAST_POINTS = 300  # fewer are no scan of a tree ...
+LEAST_HEIGHT = 0.5  # ... nor is one of less than this share of its height
 MOST_TRIES = 3  # at twice the resolution each
 SILHOUETTE = 0.45  # share of the box around a tree that stops a ray
 DISTANCE = (0.45, 1.2)  # of the tree's height
 LEAST_DISTANCE = 4.0  # metres
 STREET_HEIGHT, STATION_HEIGHT = 2.2, 1.6
-HIDING = 0.35  # how often something is in the way
 STEPS = (np.radians(0.01), np.radians(2.0))
 TREE = 1
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What a set is of: how trees differ, and how they are scanned.
+
+    Attributes
+    ----------
+    variety : Variety
+        Of the trees.
+    kinds : tuple of (str, float)
+        Ways to scan, and how often.
+    points, points_air : (least, most) tuple of int
+        That are aimed at, from the ground and from the air.
+    hiding : float
+        How often something is in the way.
+    """
+
+    variety: Variety = ANY
+    kinds: tuple[tuple[str, float], ...] = (("stations", 0.7), ("street", 0.15), ("air", 0.15))
+    points: tuple[int, int] = (4_000, 60_000)
+    points_air: tuple[int, int] = (800, 12_000)
+    hiding: float = 0.35
+
+
+CAMPAIGNS = {
+    "any": Campaign(),
+    "city": Campaign(CITY, kinds=(("stations", 1.0),), points=(15_000, 60_000), hiding=0.25),
+}
+"""Any tree, scanned in any way, to train with; and trees in leaf from one to four stations."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +115,12 @@ class Survey:
     n_hiding: int
 
 
-def draw_survey(rng: np.random.Generator) -> Survey:
+def draw_survey(rng: np.random.Generator, campaign: Campaign = CAMPAIGNS["any"]) -> Survey:
     """Some way to scan a tree."""
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    names, shares = zip(*campaign.kinds, strict=True)
+    kind = str(rng.choice(names, p=shares))
     is_air = kind == "air"
-    aim = np.exp(rng.uniform(*np.log(POINTS_AIR if is_air else POINTS)))
+    aim = np.exp(rng.uniform(*np.log(campaign.points_air if is_air else campaign.points)))
     return Survey(
         kind=kind,
         n_stations=int(rng.integers(1, 4 if is_air else 5)),
@@ -92,7 +129,7 @@ def draw_survey(rng: np.random.Generator) -> Survey:
         aim=int(aim),
         noise=float(rng.uniform(0.01, 0.03) if is_air else rng.uniform(0.001, 0.01)),
         divergence=float(0.5e-3 if is_air else rng.choice([0.0, 0.3e-3])),
-        n_hiding=int(rng.integers(1, 4)) if not is_air and rng.random() < HIDING else 0,
+        n_hiding=int(rng.integers(1, 4)) if not is_air and rng.random() < campaign.hiding else 0,
     )
 
 
@@ -123,7 +160,8 @@ def scan_tree(tree: VirtualTree, survey: Survey, rng: np.random.Generator) -> np
         if len(points) >= max(LEAST_POINTS, survey.aim // 4):
             break
         factor *= 2.0
-    return points if len(points) >= LEAST_POINTS else np.zeros((0, 3))
+    seen = len(points) >= LEAST_POINTS and np.ptp(points[:, 2]) >= LEAST_HEIGHT * tree.height
+    return points if seen else np.zeros((0, 3))
 
 
 def _sweeps(vertices: np.ndarray, survey: Survey, factor: float) -> list[Any]:
@@ -234,7 +272,9 @@ def load_set(source: Path) -> VirtualSet:
     return VirtualSet(joined["x"], parts[0]["features"], columns.pop("species"), columns.pop("tree"), columns)
 
 
-def make_samples(source: Source, number: int, n_scans: int, seed: int) -> list[dict[str, Any]]:
+def make_samples(
+    source: Source, number: int, n_scans: int, seed: int, campaign: Campaign = CAMPAIGNS["any"]
+) -> list[dict[str, Any]]:
     """Tree `number` of a source, scanned and described `n_scans` times at most.
 
     Returns
@@ -244,7 +284,6 @@ def make_samples(source: Source, number: int, n_scans: int, seed: int) -> list[d
         Scans with too few points, and those that the reconstruction refuses, are not there.
     """
     from classify import describe_scan
-    from recon import encode_with_report
     from treegraph import InputError
 
     key = [seed, zlib.crc32(source.species.encode()), number]
@@ -252,12 +291,12 @@ def make_samples(source: Source, number: int, n_scans: int, seed: int) -> list[d
     found = []
     for scan in range(n_scans):
         rng = np.random.default_rng([*key, scan])
-        survey = draw_survey(rng)
+        survey = draw_survey(rng, campaign)
         points = scan_tree(tree, survey, rng)
         if not len(points):
             continue
         try:
-            made = encode_with_report(points)
+            made = _encoded(points)
         except InputError:
             continue
         found.append(
@@ -276,11 +315,23 @@ def make_samples(source: Source, number: int, n_scans: int, seed: int) -> list[d
     return found
 
 
-def library_source(name: str) -> Source:
+def _encoded(points: np.ndarray) -> Any:
+    """The reconstruction; a tree that looks like several is told where its foot is, as with ``--base``."""
+    from recon import EncodeSettings, PrepareSettings, encode_with_report
+    from treegraph import InputError
+
+    try:
+        return encode_with_report(points)
+    except InputError:
+        foot = PrepareSettings(base=(0.0, 0.0, 0.0))
+        return encode_with_report(points, settings=EncodeSettings(prepare=foot))
+
+
+def library_source(name: str, variety: Variety = ANY) -> Source:
     """A species of the library that comes along."""
     from species.library import builtin_library
 
-    return LibrarySource(_open(builtin_library(), name))
+    return LibrarySource(_open(builtin_library(), name), variety)
 
 
 @cache
@@ -288,9 +339,10 @@ def _open(library: Any, name: str) -> Any:
     return library.load(name)
 
 
-def _task(task: tuple[str, int, int, int, bool]) -> list[dict[str, Any]]:
-    name, number, n_scans, seed, keep = task
-    samples = make_samples(library_source(name), number, n_scans, seed)
+def _task(task: tuple[str, int, int, int, str, bool]) -> list[dict[str, Any]]:
+    name, number, n_scans, seed, campaign, keep = task
+    kind = CAMPAIGNS[campaign]
+    samples = make_samples(library_source(name, kind.variety), number, n_scans, seed, kind)
     return samples if keep else [{**sample, "points": None} for sample in samples]
 
 
@@ -313,6 +365,7 @@ def main() -> None:
     parser.add_argument("--species", default="", help="names, by commas; all of the library if left out")
     parser.add_argument("--trees", type=int, default=40, help="of each species (default 40)")
     parser.add_argument("--scans", type=int, default=2, help="of each tree (default 2)")
+    parser.add_argument("--campaign", choices=CAMPAIGNS, default="any", help="what the set is of")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--keep-scans", action="store_true", help="write the points, too, and scans.csv")
@@ -326,7 +379,7 @@ def main() -> None:
             path = arguments.folder / f"{name}.npz"
             if path.exists():
                 continue
-            more = (arguments.scans, arguments.seed, arguments.keep_scans)
+            more = (arguments.scans, arguments.seed, arguments.campaign, arguments.keep_scans)
             tasks = [(name, number, *more) for number in range(arguments.trees)]
             samples = [sample for some in run(_task, tasks) for sample in some]
             print(f"{name}: {len(samples)} scans of {arguments.trees} trees", file=sys.stderr)

@@ -3,40 +3,90 @@
 A *source* makes trees of one species; anything that does is good enough for ``benchmarks.virtual_set``.
 Here are two: the species of the library, grown and dressed in their own twigs and leaves, and growth presets
 with plain blades. Within a source trees differ in age and in the length of their internodes (their height by
-more than a factor of three), in the light they grew up in (alone, among others, beside a wall), in how far up
-their trunks were pruned, and in the season.
+more than a factor of three), a little in all their other growth parameters, in the light they grew up in
+(alone, among others, beside a wall), in how far up their trunks were pruned, and in the season.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from species import GrownTree, Preset
+    from species import GrownTree, GrowthParameters, LeafSet, Preset
     from species.library import Species
     from treegraph import TreeGraph
 
-__all__ = ["LibrarySource", "PresetSource", "Source", "Triangles", "VirtualTree", "draw_traits"]
+__all__ = [
+    "ANY",
+    "CITY",
+    "LibrarySource",
+    "PresetSource",
+    "Source",
+    "Triangles",
+    "Variety",
+    "VirtualTree",
+    "draw_traits",
+]
 
-AGES = (0.55, 1.15)  # of the species' own age
-INTERNODES = (0.38, 1.25)  # of the species' own length
+PER_UNIT = ("dominance_distance", "dominance_age", "internode_age", "apical_control_age")
 LEAST_AGE = 2
-PLACES = {"open": 0.5, "stand": 0.25, "wall": 0.25}  # and how often
 NEIGHBOURS = (3, 7)  # in a stand
 SPACING = (0.25, 0.5)  # of the expected height, between trees of a stand
 WALL = (0.1, 0.3)  # of the expected height, from the trunk to the wall
 LEAST_LEAVES = 0.15  # of the leaf area in the open: a place that leaves less is none for a tree
-PRUNED = 0.4  # how often a trunk is pruned ...
-PRUNED_TO = (0.1, 0.4)  # ... up to this share of its height
-SEASONS = {"summer": 0.55, "spring": 0.1, "autumn": 0.1, "winter": 0.25}
 MOST_NODES = 60_000
 MOST_FACES = 1_500_000  # of twigs and leaves; beyond, fewer and larger leaves and fewer twigs are scanned
 LEVELS = (1.0, 0.5, 0.25, 0.12, 0.06)  # of detail that are tried
 SIDES = 3  # corners of a twig's cross-section
+LEAFLETS = {"pinnate": 5, "bipinnate": 4, "palmate": 5, "frond": 24, "needle": 6}
+"""Strips across a leaf that stand for its leaflets; a leaf of any other kind is one narrower blade."""
+
+
+@dataclass(frozen=True)
+class Variety:
+    """How trees of a species differ.
+
+    Attributes
+    ----------
+    ages, internodes : (low, high) tuple
+        Of the species' own age, and of the length of its internodes.
+    own : float
+        By how much other parameters are a tree's own: standard deviation of their logarithm.
+    places, seasons : dict of str to float
+        And how often.
+    pruned : float
+        How often a trunk is pruned, from a tenth to four tenths of its height.
+    """
+
+    ages: tuple[float, float] = (0.5, 1.15)
+    internodes: tuple[float, float] = (0.5, 1.4)
+    own: float = 0.08
+    places: tuple[tuple[str, float], ...] = (("open", 0.5), ("stand", 0.25), ("wall", 0.25))
+    seasons: tuple[tuple[str, float], ...] = (
+        ("summer", 0.55),
+        ("spring", 0.1),
+        ("autumn", 0.1),
+        ("winter", 0.25),
+    )
+    pruned: float = 0.4
+
+
+ANY = Variety()
+"""Trees of any kind, for a model that is to know them."""
+
+CITY = Variety(
+    internodes=(0.6, 1.4),
+    own=0.02,
+    places=(("open", 0.75), ("stand", 0.1), ("wall", 0.15)),
+    seasons=(("summer", 1.0),),
+)
+"""Trees of a city in leaf."""
+
+PRUNED_TO = (0.1, 0.4)  # of a tree's height
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +110,8 @@ class VirtualTree:
     height : float
         Metres.
     traits : dict of str to float or str
-        What makes it differ from others of its species: ``age``, ``internodes``, ``place``, ``pruned``,
-        ``season``.
+        What makes it differ from others of its species: ``age``, ``internodes``, ``own``, ``place``,
+        ``pruned``, ``season``.
     """
 
     species: str
@@ -84,15 +134,21 @@ class Source(Protocol):
         ...
 
 
-def draw_traits(preset: Preset, rng: np.random.Generator) -> dict[str, float | str]:
+def draw_traits(preset: Preset, rng: np.random.Generator, variety: Variety = ANY) -> dict[str, float | str]:
     """How a tree differs from others of its kind."""
     return {
-        "age": float(max(LEAST_AGE, round(preset.age * rng.uniform(*AGES)))),
-        "internodes": float(np.exp(rng.uniform(*np.log(INTERNODES)))),
-        "place": str(rng.choice(list(PLACES), p=list(PLACES.values()))),
-        "pruned": float(rng.uniform(*PRUNED_TO)) if rng.random() < PRUNED else 0.0,
-        "season": str(rng.choice(list(SEASONS), p=list(SEASONS.values()))),
+        "age": float(max(LEAST_AGE, round(preset.age * rng.uniform(*variety.ages)))),
+        "internodes": float(np.exp(rng.uniform(*np.log(variety.internodes)))),
+        "own": variety.own,
+        "place": _pick(variety.places, rng),
+        "pruned": float(rng.uniform(*PRUNED_TO)) if rng.random() < variety.pruned else 0.0,
+        "season": _pick(variety.seasons, rng),
     }
+
+
+def _pick(table: tuple[tuple[str, float], ...], rng: np.random.Generator) -> str:
+    names, shares = zip(*table, strict=True)
+    return str(rng.choice(names, p=shares))
 
 
 def grow(preset: Preset, traits: dict[str, float | str], rng: np.random.Generator) -> Any:
@@ -103,12 +159,7 @@ def grow(preset: Preset, traits: dict[str, float | str], rng: np.random.Generato
     from sapwood.growing import Group, Request, grow_group
     from treegraph import HalfSpace
 
-    length = preset.parameters.internode_length * float(traits["internodes"])
-    kind = replace(
-        preset,
-        age=int(traits["age"]),
-        parameters=preset.parameters.replace(IBL=min(max(length, 0.005), 3.0)),
-    )
+    kind = replace(preset, age=int(traits["age"]), parameters=_own_parameters(preset.parameters, traits, rng))
     seed = int(rng.integers(2**31))
     tree = grow_group(Request(kind, seed, max_nodes=MOST_NODES)).trees[0]
     height, leaf_area = max(tree.height, 1.0), _leaf_area(tree)
@@ -135,6 +186,27 @@ def grow(preset: Preset, traits: dict[str, float | str], rng: np.random.Generato
     return Group([tree], seed=seed)
 
 
+def _own_parameters(
+    kind: GrowthParameters, traits: dict[str, float | str], rng: np.random.Generator
+) -> GrowthParameters:
+    """Parameters of one tree: all but the number of buds a little off those of its kind.
+
+    What is a factor per year or per metre differs in its logarithm; lengths go with the internodes.
+    """
+    size, spread = float(traits["internodes"]), float(traits["own"])
+    own = {}
+    for each in fields(kind):
+        value, factor = getattr(kind, each.name), float(np.exp(rng.normal(0.0, spread))) if spread else 1.0
+        if each.name in ("internode_length", "low_branch_height"):
+            value *= size
+        elif each.name in PER_UNIT:
+            value **= factor
+        elif each.name != "n_lateral_buds":
+            value *= factor
+        own[each.name] = float(np.clip(value, each.metadata["low"], each.metadata["high"]))
+    return replace(kind, **{**own, "n_lateral_buds": kind.n_lateral_buds})
+
+
 def _leaf_area(tree: GrownTree) -> float:
     return float(np.asarray(tree.tree.attribute["leaf_area"], float).sum())
 
@@ -158,6 +230,7 @@ class LibrarySource:
     """Trees of a species of the library, in their own twigs and leaves."""
 
     kind: Species
+    variety: Variety = ANY
 
     @property
     def species(self) -> str:
@@ -169,7 +242,7 @@ class LibrarySource:
         preset = self.kind.definition.growth
         if preset is None:
             raise ValueError(f"{self.species} has no growth parameters")
-        traits = draw_traits(preset, rng)
+        traits = draw_traits(preset, rng, self.variety)
         group = replace(
             grow(preset, traits, rng),
             species=self.kind,
@@ -214,18 +287,43 @@ def _dressed_parts(group: Any, bare: bool) -> tuple[tuple[Triangles, ...], Trian
 def _lean_foliage(kind: Species, share: float, bare: bool) -> Any:
     """The twigs and leaves of a species with as few triangles as a scanner can do with."""
     from render import make_foliage
+    from render.dressing import leaf_share
     from render.mesh import MeshSettings
-    from species import LeafSet
 
-    patches = kind.patches
-    if bare:
-        none = LeafSet(*(getattr(patches[0].leaves, name)[:0] for name in LEAF_FIELDS))
-        patches = tuple(replace(patch, leaves=none) for patch in patches)
+    covered, strips = leaf_share(kind), LEAFLETS.get(kind.definition.leaf.kind, 1)
+    dressed = [
+        _first_leaves(each.leaves, 0) if bare else _blades(each.leaves, covered, strips)
+        for each in kind.patches
+    ]
+    patches = [replace(each, leaves=leaves) for each, leaves in zip(kind.patches, dressed, strict=True)]
     twigs = MeshSettings(sides=SIDES, min_sides=SIDES, steps=1, tolerance=0.01, ring_error=1.0)
     return make_foliage(patches, share=share, settings=twigs)
 
 
-LEAF_FIELDS = ("base", "along", "normal", "length", "width", "node")
+def _first_leaves(leaves: LeafSet, count: int) -> LeafSet:
+    return replace(leaves, **{each.name: getattr(leaves, each.name)[:count] for each in fields(leaves)})
+
+
+def _blades(leaves: LeafSet, covered: float, strips: int) -> LeafSet:
+    """Leaves as solid blades of the same area: what a picture cuts out of a leaf's rectangle, a laser passes.
+
+    A simple leaf is made narrower; a divided one becomes strips across, evenly spaced.
+    """
+    if strips == 1:
+        return replace(leaves, width=leaves.width * covered)
+    place = np.tile((np.arange(strips) + 0.5) / strips, leaves.n_leaves)
+    again = {each.name: np.repeat(getattr(leaves, each.name), strips, axis=0) for each in fields(leaves)}
+    across = np.cross(again["normal"], again["along"])
+    base = again["base"] + place[:, None] * again["length"][:, None] * again["along"]
+    return replace(
+        leaves,
+        base=base - 0.5 * again["width"][:, None] * across,
+        along=across,
+        normal=again["normal"],
+        length=again["width"],
+        width=again["length"] * covered / strips,
+        node=again["node"],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +331,7 @@ class PresetSource:
     """Trees of a growth preset with plain blades; bare in winter."""
 
     preset: Preset
+    variety: Variety = ANY
 
     @property
     def species(self) -> str:
@@ -244,7 +343,7 @@ class PresetSource:
         import render
         from sapwood.growing import as_cluster_tree
 
-        traits = draw_traits(self.preset, rng)
+        traits = draw_traits(self.preset, rng, self.variety)
         group = grow(self.preset, traits, rng)
         tree = group.trees[0]
         mesh = render.branch_mesh(as_cluster_tree(tree).graph, render.DETAIL["coarse"])

@@ -1,13 +1,23 @@
 """Virtual scans with the name of their species: what they are of, what they depend on, and their file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from benchmarks import virtual_set
 from benchmarks.virtual_set import Survey, draw_survey, load_set, make_samples, save_set, scan_tree
-from benchmarks.virtual_trees import PresetSource, Triangles, VirtualTree, draw_traits, grow, pruned
+from benchmarks.virtual_trees import (
+    ANY,
+    CITY,
+    PresetSource,
+    Triangles,
+    Variety,
+    VirtualTree,
+    draw_traits,
+    grow,
+    pruned,
+)
 from classify import FEATURES, describe_scan
 from recon import encode_with_report
 from species import find_preset
@@ -149,15 +159,17 @@ def test_files_of_other_features_and_empty_folders_are_refused(tmp_path):
 def test_heights_within_a_species_differ_more_than_threefold():
     rng = np.random.default_rng(0)
     preset = find_preset("F6a")
-    length = [float(draw_traits(preset, rng)["internodes"]) for _ in range(200)]
-    assert np.quantile(length, 0.98) > 3.0 * np.quantile(length, 0.02)
+    for variety in (ANY, CITY):
+        drawn = [draw_traits(preset, rng, variety) for _ in range(300)]
+        size = [float(traits["internodes"]) * float(traits["age"]) for traits in drawn]
+        assert np.quantile(size, 0.99) > 3.0 * np.quantile(size, 0.01)
     places = [draw_traits(preset, rng)["place"] for _ in range(200)]
     assert set(places) == {"open", "stand", "wall"}
 
 
 def test_pruned_trunks_are_bare_below_and_as_they_were_above():
     preset = find_preset("F6b")
-    traits = {"age": 9.0, "internodes": 1.0, "place": "open", "pruned": 0.0}
+    traits = {"age": 9.0, "internodes": 1.0, "own": 0.0, "place": "open", "pruned": 0.0}
     whole = grow(preset, traits, np.random.default_rng(1)).trees[0]
     cut = pruned(whole, 0.4)
     order, parent, z = gravelius_order(cut.tree), cut.tree.parent, cut.tree.position[:, 2]
@@ -168,24 +180,21 @@ def test_pruned_trunks_are_bare_below_and_as_they_were_above():
     assert pruned(whole, 0.0).tree.n_nodes == whole.tree.n_nodes
 
 
-def test_a_preset_stands_bare_in_winter(monkeypatch):
-    from benchmarks import virtual_trees
-
-    preset = find_preset("F6a")
-    monkeypatch.setattr(virtual_trees, "AGES", (0.5, 0.5))
-    monkeypatch.setattr(virtual_trees, "SEASONS", {"winter": 1.0})
-    bare = PresetSource(preset).make(np.random.default_rng(0))
+def test_a_preset_stands_bare_in_winter():
+    preset, young = find_preset("F6a"), Variety(ages=(0.5, 0.5))
+    winter = replace(young, seasons=(("winter", 1.0),))
+    bare = PresetSource(preset, winter).make(np.random.default_rng(0))
     assert bare.leaves is None
     assert bare.traits["season"] == "bare"
-    monkeypatch.setattr(virtual_trees, "SEASONS", {"summer": 1.0})
-    assert len(PresetSource(preset).make(np.random.default_rng(0)).leaves.faces) > 0
+    summer = replace(young, seasons=(("summer", 1.0),))
+    assert len(PresetSource(preset, summer).make(np.random.default_rng(0)).leaves.faces) > 0
 
 
 @pytest.mark.parametrize("seed", [1, 2, 5])
 def test_a_tree_beside_a_wall_is_one_sided(seed):
     off = []
     for place in ("open", "wall"):
-        traits = {"age": 6.0, "internodes": 1.0, "place": place, "pruned": 0.0}
+        traits = {"age": 6.0, "internodes": 1.0, "own": 0.0, "place": place, "pruned": 0.0}
         graph = grow(find_preset("F6a"), traits, np.random.default_rng(seed)).trees[0].tree
         off.append(float(np.hypot(*graph.position[:, :2].mean(axis=0))))
         assert traits["place"] == place
@@ -194,7 +203,7 @@ def test_a_tree_beside_a_wall_is_one_sided(seed):
 
 def test_a_place_that_leaves_no_leaves_is_taken_back():
     """Here the wall would kill the tree: it stands in the open, and its traits say so."""
-    traits = {"age": 6.0, "internodes": 1.0, "place": "wall", "pruned": 0.0}
+    traits = {"age": 6.0, "internodes": 1.0, "own": 0.0, "place": "wall", "pruned": 0.0}
     beside = grow(find_preset("F6a"), traits, np.random.default_rng(3)).trees[0].tree
     assert traits["place"] == "open"
     free = grow(find_preset("F6a"), {**traits}, np.random.default_rng(3)).trees[0].tree
