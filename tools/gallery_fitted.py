@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 PANEL = (210, 330)  # pixels
-BRANCHES, EVALUATIONS, SEED = 200, 3000, 3
+BRANCHES, EVALUATIONS, SEED = 200, 1500, 3
 BROTHERS = 4  # the fitted tree and three brothers
-AZIMUTH = 0.3
-WALL = 0.35  # how far a wall stands from the stem, as a share of the crown's width
+AZIMUTH, SIDE = 0.3, -np.pi / 2  # radians; the wall is seen from its end
+WALL, WALL_HEIGHT = 0.4, 0.9  # how far a wall stands from the stem, in widths of the crown; of the height
 SCANNED = {"stations": 4, "distance": 12.0, "step_deg": 0.1, "noise": 0.002}
 
 
@@ -80,7 +80,7 @@ def draw_fitted(known: Input, path: Path) -> tuple[Any, dict[str, Any]]:
     from sapwood.dressing import find_kind
     from sapwood.growing import Group, Request, draw_grown, grow_group
     from species import Preset
-    from treegraph import HalfSpace
+    from treegraph import make_wall
 
     tree = read_input(known, path)
     fit = fit_input(tree)
@@ -88,16 +88,18 @@ def draw_fitted(known: Input, path: Path) -> tuple[Any, dict[str, Any]]:
     preset = Preset(known.name, fit.parameters, fit.age, tip_share=fit.tip_share)
     how = {"bare": kind is None, "species": kind}
     groups = [grow_group(Request(preset, seed), **how) for seed in range(BROTHERS)]
-    width = np.median([np.ptp(group.trees[0].tree.position[:, 0]) for group in groups])
-    wall = HalfSpace((max(WALL * float(width), 0.3), 0.0, 0.0), (-1.0, 0.0, 0.0))
+    width = float(np.median([np.ptp(group.trees[0].tree.position[:, 0]) for group in groups]))
+    height = float(np.median([group.trees[0].height for group in groups]))
+    wall = make_wall((WALL * width, 0, 0), (-1, 0, 0), width=1.2 * height, height=WALL_HEIGHT * height)
     groups.append(grow_group(Request(preset, 0, (wall,)), **how))
     cloud = np.concatenate([group.trees[0].tree.position for group in groups])
     frame = Group([trees for group in groups for trees in group.trees])
     look = {"size": PANEL, "captions": False}
     images = [_draw_input(tree, kind, cloud, look)]
     images += [draw_grown(group, frame=frame, azimuth=AZIMUTH, **look).image for group in groups[:-1]]
-    images.append(draw_grown(groups[-1], frame=frame, **look).image)
+    images.append(draw_grown(groups[-1], frame=frame, azimuth=SIDE, **look).image)
     facts = {
+        "evaluations": fit.evaluations,
         "distance": fit.distance, "shape": fit.shape, "geometry": fit.geometry, "structure": fit.structure,
         "age": fit.age, "tip_share": fit.tip_share, "parameters": fit.parameters.symbols(),
         "height_m": float(np.ptp(tree.graph.position[:, 2])),
@@ -130,9 +132,9 @@ def describe_fitted(facts: dict[str, Any], folder: Path) -> list[str]:
         "## Fitted trees",
         "",
         "Growth parameters whose trees resemble the input ([fitting](fitting.md)): from the left "
-        f"{', '.join(PANELS)}. {EVALUATIONS} trees were grown and compared for each; D_T is the mean "
-        "distance of 16 others to the input, 0 to 1; brothers of one kind are at about 0.5 from each other. "
-        "The wall takes half of the sky.",
+        f"{', '.join(PANELS)}. D_T is the mean distance of 16 trees to the input, 0 to 1; brothers of one "
+        "kind are at about 0.5 from each other. What is compared are the branches, drawn into the leaf "
+        f"clusters of scans first, the {BRANCHES} with most wood.",
         "",
     ]
     for known in there:
@@ -140,7 +142,7 @@ def describe_fitted(facts: dict[str, Any], folder: Path) -> list[str]:
         lines += [
             f"Fitted to {known.what}, {fact['height_m']:.1f} m high: D_T {fact['distance']:.2f} (shape "
             f"{fact['shape']:.2f}, geometry {fact['geometry']:.2f}, structure {fact['structure']:.2f}), "
-            f"{fact['age']} cycles.",
+            f"{fact['age']} cycles; {fact['evaluations']} trees grown and compared.",
             "",
             f"![{known.what}, and trees fitted to it](gallery/{known.name}.jpg)",
             "",

@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 sys.path.insert(0, str(ROOT / "tools"))
 
+from gallery_fitted import FITTED, describe_fitted, draw_fitted  # noqa: E402
 from gallery_plastic import PLASTIC, describe_plastic, draw_plastic  # noqa: E402
 
 FOLDER = ROOT / "docs" / "gallery"
@@ -200,6 +201,7 @@ def write_page(facts: dict[str, Any]) -> None:
             "",
         ]
     lines += describe_plastic(facts)
+    lines += describe_fitted(facts, FOLDER)
     if (FOLDER / "species_trees.jpg").exists():
         lines += [
             "## The library's species",
@@ -237,6 +239,10 @@ def main() -> None:
                 save(scan.name, image)
         if wanted("model"):
             facts["model"] = draw_model(arguments.data / MODEL)
+        for known in FITTED:
+            if wanted(known.name):
+                image, facts[known.name] = draw_fitted(known, arguments.data / known.path)
+                save(known.name, image)
     if wanted("species"):
         draw_species()
     FACTS.write_text(json.dumps(facts, indent=1, sort_keys=True) + "\n", encoding="utf-8")

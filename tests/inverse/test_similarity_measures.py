@@ -54,6 +54,12 @@ def test_sign_counts_but_not_for_sigma():
     npt.assert_allclose(differences([-1.0], [1.0]), 1.0)
 
 
+def test_softness_is_a_factor_on_sigma():
+    assert differences([1.0], [1.4], softness=2.0)[0] == pytest.approx(1.0 - np.exp(-0.5))
+    assert differences([1.0], [1.4]) > differences([1.0], [1.4], softness=5.0)
+    assert differences([0.0, 0.0], [0.0, 0.1], softness=5.0).tolist() == [0.0, 1.0]
+
+
 def test_missing_values():
     assert differences([math.nan, math.nan, 1.0], [math.nan, 1.0, math.nan]).tolist() == [0.0, 1.0, 1.0]
 
