@@ -47,6 +47,7 @@ def test_first_screen():
 #: Pictures of grown trees, or of several samples, by the page that shows them.
 GROWN = {
     "ages.png": "growth",
+    "curve.png": "fitting",
     "figure6.png": "growth",
     "mapping.png": "similarity",
     "plastic.png": "plastic",
