@@ -262,6 +262,21 @@ def test_what_is_fitted_can_be_a_species(run, tree, tmp_path):
     assert rows[0] == rows[1]
 
 
+def test_thick_wood_is_grown_as_it_was_fitted(run, tree, tmp_path):
+    graph = treegraph.read_swc(tree)
+    write_swc(graph.replace(radius=10.0 * graph.radius), tmp_path / "thick.swc")
+    done = run("sapwood", "fit", "thick.swc", "-o", "thick.toml", *FEW, "--json")
+    assert done.json["tip_share"] == read_growth(tmp_path / "thick.toml").tip_share > 0.03
+    assert run("sapwood", "grow", "thick.toml", "-o", "thick_grown.swc").code == 0
+    assert run("sapwood", "grow", "thick.toml", "--age", "2", "-o", "young.swc").code == 0
+    text = (tmp_path / "thick.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("tip_share")]
+    (tmp_path / "thin.toml").write_text("\n".join(lines))
+    assert run("sapwood", "grow", "thin.toml", "-o", "thin_grown.swc").code == 0
+    radii = [treegraph.read_swc(tmp_path / f"{name}_grown.swc").radius.max() for name in ("thick", "thin")]
+    assert radii[0] > 2.0 * radii[1]
+
+
 def test_outputs_are_not_replaced(run, tree, tmp_path):
     (tmp_path / "kind.toml").write_text("mine")
     done = run("sapwood", "fit", tree, "-o", "kind.toml", *FEW)

@@ -237,6 +237,15 @@ def good(**changes):
     return "".join(f"{key} = {value}\n" for key, value in values.items() if value is not None)
 
 
+def test_thickness_of_wood_goes_along_where_it_is_not_the_usual(path):
+    thick = Preset("kind", base(), 12, tip_share=0.05)
+    assert read_growth(write(path, format_growth(thick))) == thick
+    assert "tip_share" not in format_growth(Preset("kind", base(), 12))
+    for value in ("0.3", "0", "nan", '"thick"', "true"):
+        with pytest.raises(InputError, match="tip_share must be a number from 0.0005 to 0.2, got"):
+            read_growth(write(path, good(tip_share=value)))
+
+
 def test_symbols_and_names_at_the_top_or_in_a_table(path):
     plain = read_growth(write(path, good()))
     assert plain == Preset("kind", base(), 12)
