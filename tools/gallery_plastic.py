@@ -33,9 +33,6 @@ PLASTIC = (
     Scan("plastic_pine", "ship/woodske/huangshan_pine_wood.laz", None, "The wood of a Huangshan pine"),
     Scan("plastic_orange", "ship/woodske/orange_wood.laz", None, "The wood of an orange tree"),
     Scan("plastic_buttressed", "ship/itsme/itsme_tls_buttressed1.laz", "Ficus Virens", "A slender tree"),
-    Scan(
-        "plastic_uav", "ship/itsme/itsme_uav_tree.laz", "Bischofia polycarpa", "A tree scanned from the air"
-    ),
 )
 
 

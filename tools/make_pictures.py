@@ -93,7 +93,7 @@ def plastic_trees() -> None:
 
     images = []
     for name in ("green_ash_wood", "itsme_tls_tree2"):
-        state = analyse(sapwood.reconstruct(ROOT / "samples" / f"{name}.laz").tree)
+        state = analyse(sapwood.reconstruct(ROOT / "samples" / f"{name}.laz", species=None).tree)
         height, east = np.ptp(state.tree.graph.position[:, 2]), state.tree.graph.position[:, 0].max()
         walls = [
             make_wall((0.5 * east, 0, 0), (-1, 0, 0), width=0.9 * height, height=share * height)
