@@ -123,15 +123,20 @@ class Chain:
         Raises
         ------
         InputError
-            If something is missing or no number.
+            If something is missing, no number or out of its range.
         """
         try:
             curve = [(int(k), float(value)) for k, value in values["curve"]]
-            return cls(
+            chain = cls(
                 int(values["number"]), [float(x) for x in values["point"]], int(values["iteration"]),
                 int(values["origin"]), int(values["accepted"]), curve,
             )  # fmt: skip
-        except (KeyError, TypeError, ValueError) as error:
+            if min(chain.number, chain.iteration, chain.origin - START, chain.accepted) < 0:
+                raise ValueError("a count is negative")
+            if not all(0.0 <= x <= 1.0 for x in chain.point):
+                raise ValueError("its point is out of bounds")
+            return chain
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"the state of a chain is damaged: {type(error).__name__} {error}") from None
 
 

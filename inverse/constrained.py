@@ -51,13 +51,14 @@ def constrained_edit_distance(
         As :func:`inverse.cut_into_pieces`, or if there are more than 10^8 pairs of nodes.
 
     Notes
-    ----- O(m n) for trees of m and n nodes with few children each. As the mean is taken away, what is like
-    the average costs next to nothing to delete: so the papers have it.
+    -----
+    O(m n) for trees of m and n nodes with few children each. As the mean is taken away, what is like the
+    average costs next to nothing to delete: so the papers have it.
 
     References
-    ---------- .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation,
-    University of Konstanz,
-       2013, section 4.5.
+    ----------
+    .. [1] S. Pirk, "Efficient Processing of Plant Life in Computer Graphics", dissertation, University of
+       Konstanz, 2013, section 4.5.
 
     Examples
     --------

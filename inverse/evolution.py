@@ -169,7 +169,7 @@ class Evolution:
         Raises
         ------
         InputError
-            If something is missing or no number.
+            If something is missing, no number or out of its range.
         """
         try:
             searches = [
@@ -186,12 +186,32 @@ class Evolution:
             if found is not None:
                 found = [(float(value), [float(x) for x in point]) for value, point in found]
             past = [[float(x) for x in point] for point in values["past"]]
-            return cls(
+            run = cls(
                 int(values["number"]), searches, np.array(values["spread"], np.float64), found, past,
                 int(values["generation"]), int(values["evaluations"]), curve,
             )  # fmt: skip
-        except (KeyError, TypeError, ValueError) as error:
+            _check_state(run)
+            return run
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"the state of a run is damaged: {type(error).__name__} {error}") from None
+
+
+def _check_state(run: Evolution) -> None:
+    """Raise ValueError if arrays do not fit each other, or a number is out of its range."""
+    n = run.spread.size
+    counts = [run.number, run.generation, run.evaluations, *(search.generation for search in run.searches)]
+    if min(counts) < 0:
+        raise ValueError("a count is negative")
+    for search in run.searches:
+        for name in ARRAYS:
+            array = getattr(search, name)
+            if array.shape != ((n, n) if name == "covariance" else (n,)) or not np.isfinite(array).all():
+                raise ValueError(f"{name} does not fit {n} parameters")
+        if not 0.0 <= search.sigma < math.inf:
+            raise ValueError("sigma is no number from 0 on")
+    for point in [*run.past, *(point for _, point in run.found or [])]:
+        if len(point) != n or not all(0.0 <= x <= 1.0 for x in point):
+            raise ValueError(f"a point is not {n} numbers from 0 to 1")
 
 
 def evolve(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
@@ -187,7 +188,7 @@ def fit_trees(
     ------
     InputError
         If a tree cannot be compared, has no length or more than 4000 branches between forks, an argument is
-        out of its range, or the checkpoint is damaged or of another fit.
+        out of its range, or the checkpoint is damaged, of another fit or cannot be written.
 
     References
     ----------
@@ -210,7 +211,7 @@ def fit_trees(
         tip_share=tip_share,
     ) as judge:  # fmt: skip
         keeper = _Keeper(checkpoint, _name_of(method, settings, judge, runs))
-        states = keeper.load(settings) or [first_state(settings, judge, k) for k in range(runs)]
+        states = keeper.load(settings, space.n_free) or [first_state(settings, judge, k) for k in range(runs)]
         clock = _Clock(seconds, runs)
 
         def tell(k: int) -> None:
@@ -313,23 +314,51 @@ class _Keeper:
         self._name = name
         self._last = monotonic()
 
-    def load(self, settings: Any) -> list[Any] | None:
-        """The states of the runs, None if there is no file."""
-        if self._path is None or not self._path.exists():
+    def load(self, settings: Any, n_free: int) -> list[Any] | None:
+        """The states of the runs, None if there is no file yet.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read or written, is damaged, or of another fit; before any work is done.
+        """
+        if self._path is None:
+            return None
+        self._check_place(self._path)
+        if not self._path.exists():
             return None
         try:
             found = json.loads(self._path.read_text(encoding="utf-8"))
-            name, states = found["fit"], found["runs"]
+            name, runs = found["fit"], list(found["runs"])
         except OSError as error:
             raise InputError(f"{self._path}: the file cannot be read ({error.strerror}).") from None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise InputError(f"{self._path}: this is no checkpoint of a fit; remove it.") from None
         if name != json.loads(json.dumps(self._name)):
             raise InputError(
                 f"{self._path}: this checkpoint is of a fit of other trees or settings; remove it, or name "
                 "another."
             )
-        return [restored(settings, state) for state in states]
+        try:
+            states = [restored(settings, state) for state in runs]
+        except InputError as error:
+            raise InputError(f"{self._path}: {error}; remove it.") from None
+        if [(state.number, len(state.point)) for state in states] != [
+            (k, n_free) for k in range(self._name["runs"])
+        ]:
+            raise InputError(
+                f"{self._path}: the runs of this checkpoint are not those of its fit; remove it."
+            )
+        return states
+
+    @staticmethod
+    def _check_place(path: Path) -> None:
+        """Whether a file can be made there; better known now than when there is something to keep."""
+        try:
+            with tempfile.TemporaryFile(dir=path.parent):
+                pass
+        except OSError as error:
+            raise InputError(f"{path}: cannot write here ({error.strerror}); name another place.") from None
 
     def save_now_and_then(self, states: list[Any]) -> None:
         """Save if the last time is long enough ago."""

@@ -22,6 +22,8 @@ from treegraph import ClusterTree, InputError, TreeGraph
 
 __all__ = ["Pieces", "cut_into_pieces"]
 
+LARGEST = 1e9  # metres; the fourth power of what is larger by far is no number any more
+
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
@@ -103,7 +105,7 @@ def cut_into_pieces(tree: TreeGraph | ClusterTree | Pieces, *, every_segment: bo
     Raises
     ------
     InputError
-        If there are several roots, or a radius is unknown.
+        If there are several roots, a radius is unknown, or a coordinate or radius is beyond 10^9 m.
 
     Notes
     -----
@@ -150,4 +152,9 @@ def _check_graph(graph: TreeGraph) -> None:
         raise InputError(
             f"a tree to compare must have known radii, but that of node {unknown[0] + 1} is not; "
             f"{unknown.size} of {graph.n_nodes} nodes break this. treegraph.allometric_radii() makes some."
+        )
+    largest = max(float(np.abs(graph.position).max()), float(np.nanmax(graph.radius, initial=0.0)))
+    if largest > LARGEST:
+        raise InputError(
+            f"a tree to compare must have coordinates and radii up to {LARGEST:g} m, got {largest:g} m"
         )

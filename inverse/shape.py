@@ -61,8 +61,9 @@ def shape_descriptors(tree: TreeGraph | ClusterTree | Pieces) -> NDArray[np.floa
         As :func:`inverse.cut_into_pieces`.
 
     Notes
-    ----- O(n). Does not change if the tree is turned about the vertical, moved, or sampled otherwise along
-    its segments.
+    -----
+    O(n). Does not change if the tree is turned about the vertical, moved, or sampled otherwise along its
+    segments.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from species import GrowthParameters
 
 __all__ = ["AGE", "TIP", "Dimension", "SearchSpace", "search_space"]
+
+_Value = TypeVar("_Value")
 
 AGE = "t"
 """Symbol of the growth time, which is fitted with the 24 parameters."""
@@ -199,8 +201,8 @@ def search_space(
     Raises
     ------
     InputError
-        If a name is unknown, a parameter is both bounded and fixed, bounds are the wrong way round or outside
-        of what the growth model accepts, or nothing is free.
+        If a name is unknown, a parameter is given twice or both bounded and fixed, bounds are the wrong way
+        round or outside of what the growth model accepts, or nothing is free.
 
     Examples
     --------
@@ -210,11 +212,10 @@ def search_space(
     """
     if not (math.isfinite(height) and height > 0.0):
         raise InputError(f"height must be a positive number of metres, got {height!r}")
-    chosen = {_symbol(name): (float(low), float(high)) for name, (low, high) in (bounds or {}).items()}
-    for name, value in (fixed or {}).items():
-        symbol = _symbol(name)
+    chosen = {name: (float(low), float(high)) for name, (low, high) in _by_symbol(bounds or {}).items()}
+    for symbol, value in _by_symbol(fixed or {}).items():
         if symbol in chosen:
-            raise InputError(f"{name} must be bounded or fixed, not both")
+            raise InputError(f"{symbol} must be bounded or fixed, not both")
         chosen[symbol] = (float(value), float(value))
     dimensions = []
     for symbol, low, high, scale in _RANGES:
@@ -255,6 +256,17 @@ def _accepted(symbol: str) -> tuple[float, float]:
         return 0.0, float(MAX_AGE)
     entry = next(entry for entry in parameter_table() if entry["symbol"] == symbol)
     return float(entry["low"]), float(entry["high"])
+
+
+def _by_symbol(values: Mapping[str, _Value]) -> dict[str, _Value]:
+    """What is given by symbols or names, by symbols."""
+    out: dict[str, _Value] = {}
+    for name, value in values.items():
+        symbol = _symbol(name)
+        if symbol in out:
+            raise InputError(f"{symbol} is given twice, by its name and by its symbol")
+        out[symbol] = value
+    return out
 
 
 def _symbol(name: str) -> str:

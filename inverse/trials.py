@@ -34,10 +34,7 @@ UNKNOWN, BOUNDED, EXACT = 0, 1, 2
 
 ROUNDING = 1e-9  # sums closer than this are compared by their exact values
 PIECE_NODES = 4  # a target counts as no more nodes than that for each piece, however finely it is sampled
-NODE_FACTOR, NODE_ROOM = (
-    3,
-    200,
-)  # a grown tree may have so many times the nodes of the largest target, and some
+NODE_FACTOR, NODE_ROOM = 3, 200  # times the largest target's nodes that a grown tree may have, and some
 
 
 @dataclass(eq=False)
@@ -283,7 +280,8 @@ def is_no_farther(judge: Judge, trial: Trial, current: Trial, slack: float) -> b
         >= 0.
 
     Notes
-    ----- First the trial's trees are grown, sample by sample, which bounds their distances; then the current
+    -----
+    First the trial's trees are grown, sample by sample, which bounds their distances; then the current
     point's, whose distances serve the next decisions too, are made exact, then the trial's.
     """
     steps = [

@@ -132,18 +132,20 @@ def _number(text: str, item: str, form: str) -> float:
 def format_fit(fit: Fit, name: str, sources: Sequence[Path], method: str, seed: int) -> str:
     """The text of a TOML file: growth parameters that ``sapwood grow`` takes, and how well they fit.
 
-    The same fit gives the same text.
+    The same fit gives the same text. Bytes of a file's name that are no text become escapes.
     """
     import json
 
+    from sapwood.text import encodable
     from species import Preset, format_growth
 
-    what = f"fitted to {', '.join(path.name for path in sources)}"
+    what = encodable(f"fitted to {', '.join(path.name for path in sources)}", None)
+    name = encodable(name, None)
     lines = [format_growth(Preset(name, fit.parameters, fit.age, what, fit.tip_share)), "[fit]"]
     values = {
         "method": method,
         "seed": seed,
-        "trees": [str(path) for path in sources],
+        "trees": [encodable(str(path), None) for path in sources],
         "distance": fit.distance,
         "shape": fit.shape,
         "geometry": fit.geometry,
@@ -152,7 +154,9 @@ def format_fit(fit: Fit, name: str, sources: Sequence[Path], method: str, seed: 
         "evaluations": fit.evaluations,
         "status": fit.status,
     }
-    lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    for key, value in values.items():
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML has it
+        lines.append(f"{key} = {text}")
     if len(fit.runs) > 1:
         lines += ["", "[fit.spread]  # standard deviation over the runs"]
         lines += [f"{symbol} = {value!r}" for symbol, value in fit.spread.items()]

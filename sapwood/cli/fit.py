@@ -151,10 +151,12 @@ def fit(
     from sapwood.outputs import check_free, write_whole
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
-    check_free([output] + ([] if picture is None else [picture]), force=force)
+    made = [output] + ([] if picture is None else [picture])
+    check_free(made, force=force)
     _check_suffix(output)
     if picture is not None:
         check_curve_name(picture)
+    _check_places(made, checkpoint, trees)
     limits = parse_budget(budget) if budget is not None else None
     how: dict[str, Any] = {"bounds": parse_bounds(bounds or []), "fixed": parse_fixed(fixed or [])}
     terminal.warn_of_compiling()
@@ -221,6 +223,18 @@ def _check_suffix(output: Path) -> None:
 
     if output.suffix.lower() != ".toml":
         raise InputError(f"{output}: the name of fitted parameters must end in .toml.")
+
+
+def _check_places(made: list[Path], checkpoint: Path | None, trees: list[Path]) -> None:
+    """Whether what a fit ends with can be written: known before it, not after hours."""
+    from sapwood.outputs import Staging
+    from treegraph.errors import InputError
+
+    if checkpoint is not None and checkpoint.resolve() in {path.resolve() for path in [*made, *trees]}:
+        raise InputError(f"{checkpoint}: the checkpoint must have a name of its own.")
+    for path in made:
+        with Staging(path.parent):
+            pass
 
 
 def _say_json(

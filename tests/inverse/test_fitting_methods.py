@@ -539,3 +539,70 @@ def test_damaged_states(tmp_path):
     with pytest.raises(InputError, match="the state of a chain is damaged"):
         Chain.from_dict({"number": 0})
     assert BOUNDED < EXACT
+
+
+ONE_TREE = EvolutionSettings(evaluations=1, samples=4, population=4)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    """What a short fit leaves, as a dict."""
+    path = tmp_path_factory.mktemp("checkpoint") / "state.json"
+    fit_trees([TARGET], settings=ONE_TREE, checkpoint=path)
+    return json.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        (lambda fit, run: fit.update(runs=3), "this is no checkpoint of a fit; remove it"),
+        (lambda fit, run: fit.update(runs=None), "this is no checkpoint of a fit; remove it"),
+        (lambda fit, run: fit.update(runs=[]), "the runs of this checkpoint are not those of its fit"),
+        (
+            lambda fit, run: fit.update(runs=[run, run]),
+            "the runs of this checkpoint are not those of its fit",
+        ),
+        (lambda fit, run: run.update(number=7), "the runs of this checkpoint are not those of its fit"),
+        (lambda fit, run: run.update(generation=-5), "a count is negative; remove it"),
+        (lambda fit, run: run.update(spread=[1.0, 2.0]), "mean does not fit 2 parameters; remove it"),
+        (lambda fit, run: run.update(past=[[0.5]]), "a point is not 25 numbers from 0 to 1; remove it"),
+        (lambda fit, run: run.update(found=[[0.5, [2.0] * 25]]), "a point is not 25 numbers from 0 to 1"),
+        (lambda fit, run: run["searches"][0]["mean"].pop(), "mean does not fit 25 parameters; remove it"),
+        (lambda fit, run: run["searches"][0].update(covariance=[[1.0]]), "covariance does not fit 25 param"),
+        (lambda fit, run: run["searches"][0]["path_c"].__setitem__(0, math.nan), "path_c does not fit"),
+        (lambda fit, run: run["searches"][0].update(sigma=math.inf), "sigma is no number from 0 on"),
+    ],
+)
+def test_checkpoint_that_was_tampered_with(tmp_path, checkpoint, change, match):
+    fit = json.loads(json.dumps(checkpoint))
+    change(fit, fit["runs"][0])
+    path = tmp_path / "state.json"
+    path.write_text(json.dumps(fit))
+    with pytest.raises(InputError, match=match) as error:
+        fit_trees([TARGET], settings=ONE_TREE, checkpoint=path)
+    assert str(error.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    "change", [{"iteration": -1}, {"origin": -2}, {"point": [0.5, 1.5]}, {"point": ["x"]}]
+)
+def test_chain_out_of_its_range(change):
+    state = Chain(0, [0.5, 0.5]).to_dict()
+    assert Chain.from_dict(state) == Chain(0, [0.5, 0.5])
+    with pytest.raises(InputError, match="the state of a chain is damaged: ValueError"):
+        Chain.from_dict(state | change)
+
+
+def test_checkpoint_of_endless_brackets(tmp_path):
+    (tmp_path / "state.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match="this is no checkpoint of a fit; remove it"):
+        fit_trees([TARGET], settings=ONE_TREE, checkpoint=tmp_path / "state.json")
+
+
+@pytest.mark.parametrize("place", ["no_folder/state.json", "file/state.json"])
+def test_checkpoint_that_cannot_be_written_is_known_before_the_fit(tmp_path, place):
+    (tmp_path / "file").write_text("")
+    said = []
+    with pytest.raises(InputError, match=f"{place}: cannot write here"):
+        fit_trees([TARGET], settings=ONE_TREE, checkpoint=tmp_path / place, progress=said.append)
+    assert said == []

@@ -87,6 +87,8 @@ def test_bounds_and_fixed_ones():
         (math.nan, {}, "height must be a positive number of metres"),
         (5.0, {"fixed": {"BAN": 3}}, "there is no parameter 'BAN'; did you mean 'GBA'"),
         (5.0, {"fixed": {"BAM": 3}, "bounds": {"BAM": (1, 2)}}, "BAM must be bounded or fixed, not both"),
+        (5.0, {"fixed": {"BAM": 3, "branching_angle_mean_deg": 4}}, "BAM is given twice, by its name and by"),
+        (5.0, {"bounds": {"t": (5, 9), "age": (4, 9)}}, "t is given twice, by its name and by its symbol"),
         (5.0, {"bounds": {"BAM": (60, 30)}}, "bounds of BAM must ascend, got 60.0 to 30.0"),
         (5.0, {"bounds": {"BAM": (0, 300)}}, "bounds of BAM must be within 0.0 to 180.0, got 0.0 to 300.0"),
         (5.0, {"fixed": {"NLB": 2.5}}, "bounds of NLB must be whole numbers, got 2.5 to 2.5"),

@@ -151,3 +151,12 @@ def test_unknown_radii():
 def test_radius_of_the_root_may_be_unknown():
     pieces = cut_into_pieces(y_tree(radius=[math.nan, 0.2, 0.18, 0.05, 0.1, 0.07]))
     assert pieces.thickness.tolist() == [0.4, 0.1, 0.2]
+
+
+@pytest.mark.parametrize("what", ["position", "radius"])
+def test_numbers_too_large_to_be_squared(what):
+    tree = TreeGraph([-1, 0], [[0, 0, 0], [0, 0, 1]], [1.0, 1.0])
+    huge = tree.replace(**{what: getattr(tree, what) * 1e200})
+    with pytest.raises(InputError, match=r"coordinates and radii up to 1e\+09 m, got 1e\+200 m"):
+        cut_into_pieces(huge)
+    assert cut_into_pieces(tree.replace(**{what: getattr(tree, what) * 1e8})).n_pieces == 1

@@ -284,6 +284,50 @@ def test_outputs_are_not_replaced(run, tree, tmp_path):
     assert done.error.startswith("kind.toml: the file exists already")
 
 
+def test_places_that_cannot_be_written_are_known_before_the_fit(run, tree, tmp_path, monkeypatch):
+    monkeypatch.setattr("inverse.fit_trees", None)  # it must not come so far
+    (tmp_path / "file").write_text("")
+    for words, match in (
+        (("-o", "file/kind.toml"), "file: this is a file, not a folder; name another one."),
+        (("-o", "kind.toml", "--picture", "file/curve.png"), "file: this is a file, not a folder"),
+        (
+            ("-o", "kind.toml", "--checkpoint", "kind.toml"),
+            "kind.toml: the checkpoint must have a name of its",
+        ),
+        (("-o", "kind.toml", "--checkpoint", tree), f"{tree}: the checkpoint must have a name of its own."),
+    ):
+        done = run("sapwood", "fit", tree, *words)
+        assert done.code == 2
+        assert done.error.startswith(match)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_folders_of_a_fit_that_fails_are_not_left(run, tree, tmp_path):
+    assert run("sapwood", "fit", tree, "-o", "a/b/kind.toml", "--fix", "XYZ=3").code == 2
+    assert not (tmp_path / "a").exists()
+    assert run("sapwood", "fit", tree, "-o", "a/b/kind.toml", *FEW).code == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")
+def test_names_that_are_no_text(run, tree, tmp_path):
+    """Bytes, quotes and control codes: what is written is TOML all the same."""
+    name = 'b\udcff\x7f"'
+    (tmp_path / f"{name}.swc").write_bytes(tree.read_bytes())
+    assert run("sapwood", "fit", f"{name}.swc", "-o", f"{name}.toml", *FEW).code == 0
+    table = tomllib.loads((tmp_path / f"{name}.toml").read_text())
+    assert table["fit"]["trees"] == ['b\\udcff\x7f".swc']
+    assert table["growth"]["name"] == 'b\\udcff\x7f"'
+    assert run("sapwood", "grow", f"{name}.toml", "-o", "brother.swc").code == 0
+
+
+def test_coordinates_that_are_too_large(run, tree, tmp_path):
+    (tmp_path / "far.swc").write_text("1 1 0 0 0 1 -1\n2 1 0 0 1e200 1 1\n")
+    for words in (("fit", "far.swc", "-o", "x.toml"), ("compare", "far.swc", tree)):
+        done = run("sapwood", *words)
+        assert done.code == 2
+        assert done.error.startswith("far.swc: a tree to compare must have coordinates and radii up to 1e+09")
+
+
 def test_budget():
     assert parse_budget("6000") == Budget(evaluations=6000)
     assert parse_budget(" 5min ") == Budget(seconds=300.0)
