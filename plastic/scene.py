@@ -44,6 +44,9 @@ DEFAULT_PRUNING = 0.8
 
 STRONGEST = 100.0
 MAX_FILE_BYTES = 1_000_000
+FARTHEST = 1e9
+"""Greatest number of a scene file; metres that are more have lost their millimetres."""
+LONGEST_QUOTE = 80  # characters of a value that a message shows
 MOST_TREES = 10_000
 REQUIRED = object()
 
@@ -196,14 +199,20 @@ def read_scene(path: str | os.PathLike[str], *, read_mesh: MeshReader | None = N
     """
     name = os.fspath(path)
     try:
-        if os.path.getsize(path) > MAX_FILE_BYTES:
-            raise FormatError(f"{name}: a scene file has at most {MAX_FILE_BYTES} bytes.")
         with open(path, "rb") as file:
-            values = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FormatError(f"{name}: this is no TOML file: {error}.") from None
+            content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise InputError(f"{name}: the file cannot be read ({error.strerror}).") from None
+    if len(content) > MAX_FILE_BYTES:
+        raise FormatError(f"{name}: a scene file has at most {MAX_FILE_BYTES} bytes.")
+    try:
+        values = tomllib.loads(content.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(f"{name}: this is no TOML file: {error}.") from None
+    except ValueError:
+        raise FormatError(f"{name}: a number in it has too many digits to be read.") from None
+    except RecursionError:
+        raise FormatError(f"{name}: its brackets are too deep to be read.") from None
     try:
         return parse_scene(values, folder=Path(path).parent, read_mesh=read_mesh)
     except InputError as error:
@@ -236,8 +245,11 @@ def parse_scene(
     ]
     strength = _table(values, "strength")
     _known("[strength]", strength, ("bending", "pruning"))
+    sky = _light(_table(values, "light"))
+    for key in strength:
+        _check_near("[strength]", key, strength[key])
     try:
-        scene = Scene(tuple(obstacles), sky=_light(_table(values, "light")), **strength)
+        scene = Scene(tuple(obstacles), sky=sky, **strength)
     except InputError as error:
         raise InputError(f"[strength]: {error}") from None
     return SceneFile(tuple(trees), scene)
@@ -246,7 +258,7 @@ def parse_scene(
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     table = values.get(name, {})
     if not isinstance(table, Mapping):
-        raise InputError(f"{name} must be a table [{name}], got {table!r}")
+        raise InputError(f"{name} must be a table [{name}], got {_quote(table)}")
     return table
 
 
@@ -257,19 +269,41 @@ def _tables(values: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
     return tables
 
 
+def _quote(value: Any) -> str:
+    """A value as a message shows it, in one short line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        return "something too long to show"
+    return text if len(text) <= LONGEST_QUOTE else f"{text[: LONGEST_QUOTE - 4]} ..."
+
+
+def _check_near(where: str, name: str, value: Any) -> None:
+    """No number is so great that to reckon with it makes no sense."""
+    if isinstance(value, int | float) and abs(value) > FARTHEST and abs(value) != math.inf:
+        raise InputError(f"{where}: {name} must be from {-FARTHEST:g} to {FARTHEST:g}, got {_quote(value)}")
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return isinstance(value, int) or math.isfinite(value)
+
+
 def _known(where: str, table: Mapping[str, Any], names: Iterable[str]) -> None:
     names = list(names)
     for name in table:
         if name not in names:
-            raise InputError(f"{where}: there is no {name!r}; there are {', '.join(names)}")
+            raise InputError(f"{where}: there is no {_quote(name)}; there are {', '.join(names)}")
 
 
 def _number(where: str, table: Mapping[str, Any], name: str, default: Any = REQUIRED) -> float:
     value = table.get(name, default)
     if value is REQUIRED:
         raise InputError(f"{where}: {name} is missing")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{where}: {name} must be a finite number, got {value!r}")
+    if not _is_finite(value):
+        raise InputError(f"{where}: {name} must be a finite number, got {_quote(value)}")
+    _check_near(where, name, value)
     return float(value)
 
 
@@ -278,17 +312,17 @@ def _numbers(where: str, table: Mapping[str, Any], name: str, count: int, defaul
     if value is REQUIRED:
         raise InputError(f"{where}: {name} is missing")
     fine = isinstance(value, list | tuple) and len(value) == count
-    if not fine or any(
-        isinstance(v, bool) or not isinstance(v, int | float) or not math.isfinite(v) for v in value
-    ):
-        raise InputError(f"{where}: {name} must be {count} finite numbers, got {value!r}")
+    if not fine or not all(map(_is_finite, value)):
+        raise InputError(f"{where}: {name} must be {count} finite numbers, got {_quote(value)}")
+    for number in value:
+        _check_near(where, name, number)
     return np.array(value, float)
 
 
 def _text(where: str, table: Mapping[str, Any], name: str) -> str:
     value = table.get(name)
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{where}: {name} must be a text, got {value!r}")
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise InputError(f"{where}: {name} must be a text, got {_quote(value)}")
     return value
 
 
@@ -308,19 +342,23 @@ def _tree(table: Mapping[str, Any], where: str, folder: Path) -> SceneTree:
 def _obstacle(table: Mapping[str, Any], where: str, folder: Path, read_mesh: MeshReader | None) -> Obstacle:
     kind = _text(where, table, "kind")
     makers = {"wall": _wall, "half-space": _half_space, "box": _box, "sphere": _sphere}
-    if kind == "mesh":
-        _known(where, table, ("kind", "file", "translucency"))
-        if read_mesh is None:
-            raise InputError(f"{where}: meshes cannot be read here")
-        mesh = read_mesh(folder / _text(where, table, "file"))
-        return TriangleMesh(mesh.vertices, mesh.faces, _number(where, table, "translucency", 0.0))
-    if kind not in makers:
-        raise InputError(f"{where}: kind must be {', '.join([*makers, 'mesh'])}, got {kind!r}")
+    if kind != "mesh" and kind not in makers:
+        raise InputError(f"{where}: kind must be {', '.join([*makers, 'mesh'])}, got {_quote(kind)}")
     try:
+        if kind == "mesh":
+            return _mesh(table, where, folder, read_mesh)
         return makers[kind](table, where)
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+def _mesh(table: Mapping[str, Any], where: str, folder: Path, read_mesh: MeshReader | None) -> TriangleMesh:
+    _known(where, table, ("kind", "file", "translucency"))
+    if read_mesh is None:
+        raise InputError(f"{where}: meshes cannot be read here")
+    mesh = read_mesh(folder / _text(where, table, "file"))
+    return TriangleMesh(mesh.vertices, mesh.faces, _number(where, table, "translucency", 0.0))
 
 
 def _wall(table: Mapping[str, Any], where: str) -> Obstacle:

@@ -51,6 +51,7 @@ ADAPTED_SUFFIXES = (*MESHES, *TREES, *PICTURES)
 """What adapted trees can be written as, by the suffix of the file."""
 
 MOST_FRAMES = 1000
+FARTHEST = 1e9  # metres; as in scene files
 WOOD_GREY = np.array([150, 145, 138], float)  # sRGB of what did not move
 BENT_RED = np.array([214, 32, 24], float)
 PRUNED_BLUE = (0.16, 0.36, 0.86)
@@ -148,7 +149,7 @@ def read_yard(
     Raises
     ------
     InputError
-        If there is no tree, or a file cannot be read.
+        If there is no tree, a file cannot be read, or an obstacle reaches farther than 1e9 m.
     """
     import plastic
     from sapwood.trees import read_tree
@@ -160,6 +161,8 @@ def read_yard(
         scene = file.scene
     strengths = {k: v for k in ("sky", "bending", "pruning") if (v := changes.get(k)) is not None}
     scene = replace(scene, obstacles=(*scene.obstacles, *obstacles), **strengths)
+    for k, obstacle in enumerate(scene.obstacles):
+        _check_near(obstacle, k + 1)
     wanted: list[Any] = [] if tree is None else [plastic.SceneTree(tree, np.zeros(3), 0.0)]
     wanted += [] if file is None else file.trees
     if not wanted:
@@ -179,6 +182,16 @@ def read_yard(
         trees.append(plastic.Neighbour(known[key], entry.position, entry.turn))
     names = tuple(entry.file.stem for entry in wanted)
     return Yard(tuple(trees), scene, names, perf_counter() - start)
+
+
+def _check_near(obstacle: Obstacle, count: int) -> None:
+    """Farther away numbers have no millimetres left, and squares of them overflow."""
+    names = ("point", "center", "size", "radius", "vertices")
+    far = max(
+        float(np.abs(getattr(obstacle, name)).max(initial=0.0)) for name in names if hasattr(obstacle, name)
+    )
+    if far > FARTHEST:
+        raise InputError(f"obstacles must be within {FARTHEST:g} m, but the {count}. of them has {far:g} m")
 
 
 def adapt_yard(yard: Yard) -> tuple[Adapted, ...]:
@@ -206,7 +219,7 @@ def parse_path(text: str) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If there are fewer than two, or one is not three finite numbers.
+        If there are fewer than two, or one is not three finite numbers up to 1e9.
 
     Examples
     --------
@@ -221,6 +234,8 @@ def parse_path(text: str) -> NDArray[np.float64]:
             row = []
         if len(row) != 3 or not all(map(math.isfinite, row)):
             raise InputError(f"a path is places dx,dy,dz with blanks between them, got {part!r} in {text!r}")
+        if max(map(abs, row)) > FARTHEST:
+            raise InputError(f"a path must stay within {FARTHEST:g} m, got {part!r}")
         rows.append(row)
     if len(rows) < 2:
         raise InputError(f"a path leads through two places or more, as in '0,0,0 -2,0,0', got {text!r}")

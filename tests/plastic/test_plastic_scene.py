@@ -177,12 +177,38 @@ def test_light(light, sky):
         ({"light": {"elevation_deg": 100}}, r"\[light\]: elevation must be from 0 to pi/2 radians"),
         ({"strength": {"pruning": -1}}, r"\[strength\]: pruning must be from 0 to 100, got -1"),
         ({"strength": {"bending": "x"}}, r"\[strength\]: bending must be a number, got 'x'"),
+        (
+            {"strength": {"bending": 10**5000}},
+            r"^\[strength\]: bending must be from -1e\+09 to 1e\+09, got som",
+        ),
+        ({"light": {"elevation_deg": 100}}, r"^\[light\]: elevation"),
+        (
+            {"tree": [{"file": "a", "position": [10**400, 0]}]},
+            r"\[\[tree\]\] 1: position must be from -1e\+09 to 1e\+09, got 1000000000.{60,70} \.\.\.$",
+        ),
+        (
+            {"obstacle": [{"kind": "half-space", "point": [0, 0, 6], "normal": [1e200, 1e200, 0]}]},
+            r"\[\[obstacle\]\] 1: normal must be from -1e\+09 to 1e\+09, got 1e\+200",
+        ),
+        ({"tree": [{"file": "a\0b"}]}, r"\[\[tree\]\] 1: file must be a text, got 'a\\x00b'"),
         ({"strength": {"wind": 1}}, r"\[strength\]: there is no 'wind'; there are bending, pruning"),
     ],
 )
 def test_what_is_wrong_is_named(values, match):
     with pytest.raises(InputError, match=match):
         parse_scene(values)
+
+
+def test_faults_of_meshes_say_which_obstacle():
+    table = {"kind": "mesh", "file": "a.obj", "translucency": 3}
+    with pytest.raises(InputError, match=r"^\[\[obstacle\]\] 1: translucency must be from 0"):
+        parse_scene({"obstacle": [table]}, read_mesh=triangle)
+
+    def fail(path):
+        raise InputError(f"{path}: there is no such file.")
+
+    with pytest.raises(InputError, match=r"^\[\[obstacle\]\] 1: a.obj: there is no such file"):
+        parse_scene({"obstacle": [table]}, read_mesh=fail)
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -198,6 +224,14 @@ def test_files_that_cannot_be_read(tmp_path):
     bad.write_text("[[tree]]\nfile = 3\n")
     with pytest.raises(FormatError, match=r"bad.toml: \[\[tree\]\] 1: file must be a text, got 3"):
         read_scene(bad)
+    bad.write_text("a = " + "1" * 5000)
+    with pytest.raises(FormatError, match="bad.toml: a number in it has too many digits to be read"):
+        read_scene(bad)
+    bad.write_text("a = " + "[" * 50_000)
+    with pytest.raises(FormatError, match="bad.toml: its brackets are too deep to be read"):
+        read_scene(bad)
+    with pytest.raises(FormatError, match="/dev/zero: a scene file has at most 1000000 bytes"):
+        read_scene("/dev/zero")  # of no length, and without end
     bad.write_text("# " + "x" * 1_000_001)
     with pytest.raises(FormatError, match="a scene file has at most 1000000 bytes"):
         read_scene(bad)

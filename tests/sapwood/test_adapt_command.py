@@ -242,6 +242,14 @@ def test_placed_trees_stand_where_the_scene_says():
             ("tree.lobes", "-o", "t.swc", "--obstacle", "sphere:0,0,0,1"),
             "tree 0, at [0.0, 0.0, 0.0], has its foot inside an obstacle; move one of them",
         ),
+        (
+            ("tree.lobes", "-o", "t.png", "--obstacle", "sphere:3,0,0,1", "--obstacle", "wall:x=1e300"),
+            "obstacles must be within 1e+09 m, but the 2. of them has 1e+300 m",
+        ),
+        (
+            ("tree.lobes", "-o", "t.gif", "--obstacle", "wall:x=3", "--path", "0,0,0 1e308,0,0"),
+            "a path must stay within 1e+09 m, got '1e308,0,0'",
+        ),
         (("nothing.lobes", "-o", "t.swc"), "nothing.lobes: there is no such file."),
         (
             ("tree.lobes", "-o", "tree.lobes"),
