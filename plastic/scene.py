@@ -397,6 +397,14 @@ def _sphere(table: Mapping[str, Any], where: str) -> Obstacle:
     return Ball(center, radius, _number(where, table, "translucency", 0.0))
 
 
+def _angle(where: str, table: Mapping[str, Any], name: str, low: float, high: float) -> float:
+    """An angle of the file in radians; its limits are in degrees, as it is there."""
+    degrees = _number(where, table, name)
+    if not low <= degrees <= high:
+        raise InputError(f"{where}: {name} must be from {low:g} to {high:g}, got {degrees:g}")
+    return math.radians(degrees)
+
+
 def _light(table: Mapping[str, Any]) -> Sky | None:
     """The sky of [light]: a direction, a latitude, or a height and a bearing."""
     where = "[light]"
@@ -412,10 +420,10 @@ def _light(table: Mapping[str, Any]) -> Sky | None:
             x, y, z = _numbers(where, table, "brightest", 3).tolist()
             return Sky((x, y, z))
         if "latitude_deg" in table:
-            latitude = math.radians(_number(where, table, "latitude_deg"))
+            latitude = _angle(where, table, "latitude_deg", -90.0, 90.0)
             return Sky.at_latitude(latitude, math.radians(_number(where, table, "north_deg", 0.0)))
         if "elevation_deg" in table:
-            elevation = math.radians(_number(where, table, "elevation_deg"))
+            elevation = _angle(where, table, "elevation_deg", 0.0, 90.0)
             return Sky.from_angles(elevation, math.radians(_number(where, table, "bearing_deg", 0.0)))
     except InputError as error:
         text = str(error)

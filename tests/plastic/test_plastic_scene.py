@@ -174,14 +174,15 @@ def test_light(light, sky):
         ),
         ({"light": {"north_deg": 3}}, r"\[light\]: north_deg goes with latitude_deg, which is missing"),
         ({"light": {"brightest": [0, 0, -1]}}, r"\[light\]: brightest must not point below the horizon"),
-        ({"light": {"elevation_deg": 100}}, r"\[light\]: elevation must be from 0 to pi/2 radians"),
+        ({"light": {"elevation_deg": 100}}, r"^\[light\]: elevation_deg must be from 0 to 90, got 100"),
+        ({"light": {"latitude_deg": -91}}, r"^\[light\]: latitude_deg must be from -90 to 90, got -91"),
         ({"strength": {"pruning": -1}}, r"\[strength\]: pruning must be from 0 to 100, got -1"),
         ({"strength": {"bending": "x"}}, r"\[strength\]: bending must be a number, got 'x'"),
         (
             {"strength": {"bending": 10**5000}},
             r"^\[strength\]: bending must be from -1e\+09 to 1e\+09, got som",
         ),
-        ({"light": {"elevation_deg": 100}}, r"^\[light\]: elevation"),
+        ({"light": {"brightest": [0, 0, -1]}}, r"^\[light\]: brightest"),
         (
             {"tree": [{"file": "a", "position": [10**400, 0]}]},
             r"\[\[tree\]\] 1: position must be from -1e\+09 to 1e\+09, got 1000000000.{60,70} \.\.\.$",
