@@ -17,6 +17,7 @@ from benchmarks import (
     lsystem,
     plastic,
     plasticity,
+    recognition,
     recovery,
     scanning,
     silhouettes,
@@ -53,6 +54,7 @@ BENCHMARKS = {
     "jointboost": jointboost,
     "features": features,
     "vote": vote,
+    "recognition": recognition,
 }
 QUICK_LADDER = (100_000, 1_000_000)
 

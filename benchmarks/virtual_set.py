@@ -76,7 +76,7 @@ class Campaign:
 
 CAMPAIGNS = {
     "any": Campaign(),
-    "city": Campaign(CITY, kinds=(("stations", 1.0),), points=(15_000, 60_000), hiding=0.25),
+    "city": Campaign(CITY, kinds=(("stations", 1.0),), points=(20_000, 80_000), hiding=0.25),
 }
 """Any tree, scanned in any way, to train with; and trees in leaf from one to four stations."""
 
@@ -138,9 +138,12 @@ def scan_tree(tree: VirtualTree, survey: Survey, rng: np.random.Generator) -> np
     from recon.scan_scenes import LEAF, WOOD, join_scenes, make_scene
     from recon.scanning import Beam, scan_scene
 
-    pieces = [make_scene(part.vertices, part.faces, WOOD, tree_id=TREE) for part in tree.wood]
+    wood = [part for part in tree.wood if len(part.faces)]
+    pieces = [make_scene(part.vertices, part.faces, WOOD, tree_id=TREE) for part in wood]
     if tree.leaves is not None and len(tree.leaves.faces):
         pieces.append(make_scene(tree.leaves.vertices, tree.leaves.faces, LEAF, tree_id=TREE))
+    if not pieces:  # a seedling in the shade has nothing to be hit
+        return np.zeros((0, 3))
     vertices = np.concatenate([piece.vertices for piece in pieces])
     bodies = _bodies(vertices, survey, rng)
     scene = join_scenes(pieces + bodies)

@@ -39,7 +39,7 @@ SPACING = (0.25, 0.5)  # of the expected height, between trees of a stand
 WALL = (0.1, 0.3)  # of the expected height, from the trunk to the wall
 LEAST_LEAVES = 0.15  # of the leaf area in the open: a place that leaves less is none for a tree
 MOST_NODES = 60_000
-MOST_FACES = 1_500_000  # of twigs and leaves; beyond, fewer and larger leaves and fewer twigs are scanned
+MOST_FACES = 500_000  # of twigs and leaves; beyond, fewer and larger leaves and fewer twigs are scanned
 LEVELS = (1.0, 0.5, 0.25, 0.12, 0.06)  # of detail that are tried
 SIDES = 3  # corners of a twig's cross-section
 LEAFLETS = {"pinnate": 5, "bipinnate": 4, "palmate": 5, "frond": 24, "needle": 6}
@@ -79,9 +79,10 @@ ANY = Variety()
 """Trees of any kind, for a model that is to know them."""
 
 CITY = Variety(
-    internodes=(0.6, 1.4),
+    ages=(0.7, 1.15),
+    internodes=(0.45, 1.6),
     own=0.02,
-    places=(("open", 0.75), ("stand", 0.1), ("wall", 0.15)),
+    places=(("open", 0.8), ("stand", 0.1), ("wall", 0.1)),
     seasons=(("summer", 1.0),),
 )
 """Trees of a city in leaf."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         Training,
         train_model,
     )
-    from classify.model_file import decode_model, encode_model, read_model, write_model
+    from classify.model_file import decode_model, encode_model, read_model, shipped_model, write_model
     from classify.stumps import Stumps
     from classify.vote import Vote, is_confident, vote_species
 
@@ -60,6 +60,7 @@ _LAZY = {
     "is_confident": "vote",
     "log_loss": "calibration",
     "read_model": "model_file",
+    "shipped_model": "model_file",
     "reliability": "calibration",
     "to_probabilities": "calibration",
     "train_model": "model",
@@ -94,6 +95,7 @@ __all__ = [
     "is_confident",
     "log_loss",
     "read_model",
+    "shipped_model",
     "reliability",
     "to_probabilities",
     "train_model",

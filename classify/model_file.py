@@ -22,6 +22,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +35,23 @@ from classify.stumps import Stumps
 from treegraph._files import write_whole
 from treegraph.errors import FormatError, InputError
 
-__all__ = ["FORMAT", "FORMAT_VERSION", "decode_model", "encode_model", "read_model", "write_model"]
+__all__ = [
+    "FORMAT",
+    "FORMAT_VERSION",
+    "decode_model",
+    "encode_model",
+    "read_model",
+    "shipped_model",
+    "write_model",
+]
 
 FORMAT = "sapwood species model"
 FORMAT_VERSION = 1
 
 MAX_BYTES = 8_000_000
 """Most bytes of a file. A model of 12 species, 220 features and 600 stumps takes a quarter of a megabyte."""
+
+SHIPPED = Path(__file__).parent / "shipped" / "species.model"
 
 MAX_STUMPS, MAX_CLASSES, MAX_FEATURES = 100_000, 10_000, 10_000
 
@@ -66,6 +77,18 @@ def read_model(path: str | os.PathLike[str]) -> SpeciesModel:
         return decode_model(data)
     except FormatError as error:
         raise FormatError(f"{Path(path).name}: {error}") from error
+
+
+@cache
+def shipped_model() -> SpeciesModel:
+    """The model that comes along: species of the library, learnt from virtual scans (docs/classify.md).
+
+    Raises
+    ------
+    FormatError, OSError
+        If the installation is damaged.
+    """
+    return read_model(str(SHIPPED))
 
 
 def encode_model(model: SpeciesModel) -> bytes:

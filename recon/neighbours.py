@@ -127,7 +127,9 @@ def bridge_gaps(xyz: np.ndarray, graph: NeighbourGraph) -> NeighbourGraph:
     links = [np.zeros((0, 2), np.int64)]
     joined = component
     while n_components > 1:
-        found = _links_between_cells(xyz - low, component.astype(np.int64), cell)
+        # A cell that holds everything: components in groups find only their own, so groups count as one.
+        seen = component if cell <= extent else joined
+        found = _links_between_cells(xyz - low, seen.astype(np.int64), cell)
         if found.size:
             ends = kernels.descend_to_closest(xyz, graph.start, graph.neighbour, found)
             links.append(ends)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +15,10 @@ from treegraph.errors import InputError
 
 if TYPE_CHECKING:
     from classify import FeatureVector, SpeciesModel
+    from recon import Encoding
     from sapwood.pipeline import Reconstruction
 
-__all__ = ["check_model", "describe_job", "features_of", "say_species"]
+__all__ = ["check_model", "describe_job", "features_of", "find_model", "recognise", "say_species"]
 
 N_SPOKEN = 5
 """Most features that are named as having spoken for a species."""
@@ -43,7 +45,7 @@ def features_of(reconstruction: Reconstruction) -> FeatureVector:
     Examples
     --------
     >>> import sapwood
-    >>> tree = sapwood.reconstruct("samples/itsme_tls_tree2.laz")
+    >>> tree = sapwood.reconstruct("samples/itsme_tls_tree2.laz", species=None)
     >>> round(sapwood.features_of(tree)["height"], 1)
     17.9
     """
@@ -62,7 +64,7 @@ def describe_job(job: Job, progress: Callable[[str], object] | None = None) -> O
     def work() -> Outcome:
         from sapwood.pipeline import reconstruct
 
-        tree = reconstruct(job.scan, progress=progress, **job.options)
+        tree = reconstruct(job.scan, species=None, progress=progress, **job.options)
         if progress is not None:
             progress("describe")
         try:
@@ -72,6 +74,50 @@ def describe_job(job: Job, progress: Callable[[str], object] | None = None) -> O
         return Outcome(job, DONE, report={"features": features.array, "notes": list(tree.notes)})
 
     return guarded(job, work)
+
+
+def find_model(model: str | os.PathLike[str] | SpeciesModel | None = None) -> SpeciesModel:
+    """A model, the model of a file, or the one that comes along, if its features are computed here.
+
+    Raises
+    ------
+    InputError, FormatError, OSError
+        If the file cannot be read or is no model, or a feature is missing.
+    """
+    from classify import SpeciesModel, read_model, shipped_model
+
+    if isinstance(model, SpeciesModel):
+        check_model(model)
+        return model
+    if model is None:
+        return shipped_model()
+    found = read_model(model)
+    try:
+        check_model(found)
+    except InputError as error:
+        raise InputError(f"{os.fspath(model)}: {error}") from None
+    return found
+
+
+def recognise(encoding: Encoding, model: SpeciesModel) -> dict[str, Any]:
+    """What a model says of a tree made with the default allometry, and whether that is to be believed.
+
+    Returns
+    -------
+    dict
+        As :func:`say_species`, and ``taken``: the tree is none of those that the model does not know, and
+        its species is more than 1.5 times as probable as the next (thesis 3.5.1). Of fewer than 10 points
+        nothing is said: ``species`` and ``probability`` are None.
+    """
+    from classify import describe_scan, is_confident
+
+    try:
+        features = describe_scan(encoding.cloud.xyz, encoding.tree)
+    except InputError:
+        return {"species": None, "probability": None, "probabilities": {}, "features": [], "taken": False}
+    said = say_species(model, features.array)
+    sure = bool(is_confident([list(said["probabilities"].values())])[0])
+    return {**said, "taken": said["species"] is not None and sure}
 
 
 def check_model(model: SpeciesModel) -> None:

@@ -15,16 +15,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sapwood.classifying import find_model, recognise
 from sapwood.cylinders import cylinder_table, move_cylinders
 from sapwood.measures import measure
 from treegraph.errors import FitError, FormatError, InputError
 
 if TYPE_CHECKING:
-    from recon import Cloud, EncodeReport, EncodeSettings
+    from classify import SpeciesModel
+    from recon import Cloud, EncodeReport, EncodeSettings, Encoding
     from species import library as species_library
     from treegraph import ClusterTree
 
-__all__ = ["Clock", "Reconstruction", "known_species", "make_settings", "reconstruct"]
+__all__ = ["AUTO", "Clock", "Reconstruction", "known_species", "make_settings", "reconstruct"]
+
+AUTO = "auto"
+"""Instead of a species: the one that the tree is recognised as."""
 
 DEFAULT_NAME = "tree"
 """Name of the outputs of points from memory."""
@@ -61,6 +66,9 @@ class Reconstruction:
         Path of the scan, "" for points from memory.
     sha256 : str
         Of the file's bytes; of the points' bytes for points from memory.
+    recognised : dict or None
+        What the model said if it was asked for the species: :func:`sapwood.classifying.say_species`, with
+        ``taken``, whether it was believed.
     """
 
     name: str
@@ -74,6 +82,7 @@ class Reconstruction:
     settings: dict[str, Any]
     source: str
     sha256: str
+    recognised: dict[str, Any] | None = None
 
     def __repr__(self) -> str:
         m = self.measures
@@ -91,8 +100,9 @@ class Reconstruction:
 def reconstruct(
     scan: str | os.PathLike[str] | ArrayLike,
     *,
-    species: str | None = None,
+    species: str | None = AUTO,
     library: str | os.PathLike[str] | None = None,
+    model: str | os.PathLike[str] | SpeciesModel | None = None,
     f_s: float | None = None,
     settings: EncodeSettings | None = None,
     name: str | None = None,
@@ -107,9 +117,12 @@ def reconstruct(
         A file of any kind that :func:`recon.read_cloud` knows, or points: metres, z up.
     species : str, optional
         A species of the library, by any of its names: gives the branches' allometry, and the leaves
-        with which the tree is dressed when it is saved.
+        with which the tree is dressed when it is saved. "auto": the one that the tree is recognised as; of
+        a tree that is not recognised, and with None, the default allometry, and no leaves.
     library : path, optional
         A folder of species of one's own, which is looked into first.
+    model : path or SpeciesModel, optional
+        What recognises species, made by ``sapwood species train``; the one that comes along if left out.
     f_s : float, optional
         Factor by which the diameters are reduced where wood gives way to leaf clusters, 0 < f_s <= 1;
         1 makes no clusters (a leafless tree). The species' own, or what the scan shows, if left out.
@@ -143,19 +156,22 @@ def reconstruct(
     >>> tree = sapwood.reconstruct("samples/orange_wood.laz")  # doctest: +SKIP
     >>> tree.save("out")  # doctest: +SKIP
     """
-    import recon
 
     reading = {key: options.pop(key) for key in READ_OPTIONS if key in options}
     if name is not None and Path(name).name != name:
         raise InputError(f"name must be a file name without suffix and folder, got {name!r}.")
     known = known_species(species, library)  # a misspelt name is said before a long file is read
-    species = None if known is None else known.name
+    judge = find_model(model) if species == AUTO else None
     settings = make_settings(settings, f_s=f_s, **options)
     clock = Clock(progress)
     cloud, source, sha256 = _read(scan, reading, clock)
     with clock.stage("encode"), _about(source):
-        allometry = None if known is None else known.allometry
-        encoding = recon.encode_with_report(cloud, species=species, allometry=allometry, settings=settings)
+        encoding = _encode(cloud, known, settings)
+    recognised = None
+    if judge is not None:
+        with clock.stage("classify"):
+            recognised = recognise(encoding, judge)
+        encoding = _as_recognised(encoding, recognised, cloud, library, settings, clock)
     report = encoding.report
     with clock.stage("measure"):
         table = cylinder_table(encoding.tree.graph)
@@ -169,17 +185,58 @@ def reconstruct(
         measures=asdict(measures),
         cylinders=move_cylinders(table, encoding.tree.origin),
         report=report,
-        notes=tuple(dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes))),
+        notes=tuple(dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes, *_said(recognised)))),
         seconds=_merged(clock.seconds, report.seconds),
         settings={
-            "species": species,
+            "species": encoding.tree.species,
             **asdict(settings),
             **_used(encoding.tree),
             "read": _in_force(scan, reading),
         },
         source=source,
         sha256=sha256,
+        recognised=recognised,
     )
+
+
+def _encode(cloud: Cloud, kind: species_library.Definition | None, settings: EncodeSettings) -> Encoding:
+    import recon
+
+    name, allometry = (None, None) if kind is None else (kind.name, kind.allometry)
+    return recon.encode_with_report(cloud, species=name, allometry=allometry, settings=settings)
+
+
+def _as_recognised(
+    encoding: Encoding,
+    recognised: dict[str, Any],
+    cloud: Cloud,
+    library: str | os.PathLike[str] | None,
+    settings: EncodeSettings,
+    clock: Clock,
+) -> Encoding:
+    """The tree with the parameters of its species, if that is taken for known and is in the library.
+
+    A tree without clusters is found to be bare: it keeps its branches, whatever its species' share of wood.
+    """
+    if not recognised["taken"]:
+        return encoding
+    try:
+        kind = known_species(recognised["species"], library)
+    except InputError:  # a model of other species
+        kind = None
+    if kind is None or not encoding.tree.clusters:
+        name = recognised["species"] if kind is None else kind.name
+        return replace(encoding, tree=replace(encoding.tree, species=name))
+    clock.seconds["first_pass"] = clock.seconds.pop("encode")
+    with clock.stage("encode"):
+        return _encode(cloud, kind, settings)
+
+
+def _said(recognised: dict[str, Any] | None) -> list[str]:
+    if recognised is None or not recognised["taken"]:
+        return []
+    name, share = recognised["species"], recognised["probability"]
+    return [f"taken for {name} by its shape (probability {share:.2f}); --species names another, or none"]
 
 
 def make_settings(settings: EncodeSettings | None = None, **options: Any) -> EncodeSettings:
@@ -222,13 +279,13 @@ class Clock:
 def known_species(
     species: str | None, library: str | os.PathLike[str] | None
 ) -> species_library.Definition | None:
-    """The species' definition; InputError if the library has none of that name."""
+    """The species' definition; InputError if the library has none of that name. Of "auto" None."""
     from sapwood.dressing import open_library
 
-    if species is None and library is None:
+    if species in (None, AUTO) and library is None:
         return None
     found = open_library(library)
-    return None if species is None else found.find(species)
+    return None if species is None or species == AUTO else found.find(species)
 
 
 def _check_wood(source: str, table: NDArray[np.void]) -> None:

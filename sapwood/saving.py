@@ -146,6 +146,7 @@ def make_report(
         **measures,
         "origin": [round(value, 4) for value in tree.tree.origin.tolist()],
         "epsg": tree.tree.epsg,
+        "recognised": tree.recognised,
         **more,
         "notes": [*tree.notes, *more_notes],
         "seconds": {key: round(value, SECONDS_DECIMALS) for key, value in seconds.items()},

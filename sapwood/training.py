@@ -65,7 +65,8 @@ def find_labelled(source: Path, skipped: list[Path] | None = None) -> list[Label
     Raises
     ------
     InputError
-        If the source is missing, has no species or no scans, or a row of the table is incomplete.
+        If the source is missing, has no species or no scans, a row of the table is incomplete, or a tree is
+        of two species.
     """
     if source.is_dir():
         found = _of_folder(source, skipped if skipped is not None else [])
@@ -78,6 +79,13 @@ def find_labelled(source: Path, skipped: list[Path] | None = None) -> list[Label
             raise InputError(
                 f"{source}: the name of a species must be at most {MOST_NAME} printable characters, "
                 f"got {each.species[:50]!r}."
+            )
+    owner: dict[Hashable, str] = {}
+    for each in found:
+        if owner.setdefault(each.tree, each.species) != each.species:
+            assert isinstance(each.tree, tuple)
+            raise InputError(
+                f"{source}: tree {each.tree[1]!r} is of two species, {owner[each.tree]} and {each.species}."
             )
     return found
 

@@ -51,6 +51,7 @@ GROWN = {
     "figure6.png": "growth",
     "mapping.png": "similarity",
     "plastic.png": "plastic",
+    "reliability.png": "classify",
     "wall.png": "growth",
 }
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from sapwood.cli import options as o
 from sapwood.cli.terminal import Terminal
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 N_OTHERS = 2
 
-ModelFile = Annotated[
-    Path | None,
-    o.option(
-        "The model", "--model", metavar="FILE", help="Made by `sapwood species train`. (no model ships)"
-    ),
-]
-
 
 def classify(
     scans: o.Scans,
-    model: ModelFile = None,
+    model: o.ModelFile = None,
+    units: o.UnitsOption = None,
+    up: o.UpOption = o.Up.z,
+    largest: o.Largest = False,
+    keep_ground: o.KeepGround = False,
+    max_points: o.MaxPoints = None,
+    as_points: o.AsPoints = False,
+    decimal: o.DecimalOption = None,
     jobs: o.Jobs = 1,
     as_json: o.Json = False,
     quiet: o.Quiet = False,
@@ -37,23 +37,26 @@ def classify(
     """Say which species the trees in scans are, how sure that is, and what spoke for it.
 
     \b
-    Example:  sapwood classify oak.laz --model kinds.model
+    Example:  sapwood classify oak.laz
               sapwood classify plots --model kinds.model --json
 
     A scan that resembles none of the model's species is said to be of none of these.
     """
     from sapwood.batch import DONE, INPUT
+    from sapwood.classifying import find_model
+    from sapwood.cli.reconstruct import scan_options
     from sapwood.naming import find_scans
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
-    trained = _read(model)
+    trained = find_model(model)
     start = perf_counter()
     skipped: list[Path] = []
     refused: list[tuple[str, str]] = []
     paths = find_scans(scans, skipped, refused)
     for path in skipped:
         terminal.note(f"{path}: left out, there are no points in it")
-    outcomes = describe_scans(terminal, paths, jobs)
+    said = scan_options(units, up, None, largest, None, keep_ground, max_points, as_points, decimal)
+    outcomes = describe_scans(terminal, paths, jobs, said)
     answers = [_answer(trained, outcome) for outcome in outcomes if outcome.kind == DONE]
     for answer in answers:
         _say(terminal, answer)
@@ -62,7 +65,7 @@ def classify(
     say_failures(terminal, failed, outcomes, len(outcomes) + len(refused))
     terminal.json(
         "classify",
-        model=str(model),
+        model=str(model) if model else trained.name,
         scans=answers,
         failed=failed,
         seconds=round(perf_counter() - start, 3),
@@ -70,30 +73,17 @@ def classify(
     return exit_code(failed, len(answers))
 
 
-def _read(path: Path | None) -> SpeciesModel:
-    from classify import read_model
-    from sapwood.classifying import check_model
-    from treegraph.errors import InputError
+def describe_scans(
+    terminal: Terminal, paths: Sequence[Path], n_workers: int, options: Mapping[str, Any]
+) -> list[Outcome]:
+    """The features of scans, in their order: one is described here, several by workers.
 
-    if path is None:
-        raise InputError(
-            "no model ships with Sapwood; name one with --model FILE. "
-            "`sapwood species train DIR -o FILE` makes it from scans whose species you know."
-        )
-    model = read_model(path)
-    try:
-        check_model(model)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return model
-
-
-def describe_scans(terminal: Terminal, paths: Sequence[Path], n_workers: int) -> list[Outcome]:
-    """The features of scans, in their order: one is described here, several by workers."""
+    `options` are those of :func:`sapwood.reconstruct`.
+    """
     from sapwood.batch import DONE, Job, run_batch
     from sapwood.classifying import describe_job
 
-    jobs = [Job(str(path), str(k), "", "") for k, path in enumerate(paths)]
+    jobs = [Job(str(path), str(k), "", "", options) for k, path in enumerate(paths)]
     if not jobs:
         return []
     terminal.warn_of_compiling()

@@ -116,8 +116,23 @@ Seed = Annotated[
 Force = Annotated[bool, option(OUTPUT, "--force", help="Replace files that are there already.")]
 
 Species = Annotated[
-    str | None,
-    option(TREE, "--species", metavar="NAME", help="Its allometry and leaves; `sapwood species list`."),
+    str,
+    option(
+        TREE,
+        "--species",
+        metavar="NAME",
+        help="Its allometry and leaves; `sapwood species list`. auto: as it is recognised; none: no leaves.",
+    ),
+]
+ModelFile = Annotated[
+    Path | None,
+    option(
+        TREE,
+        "--model",
+        metavar="FILE",
+        help="Recognises species; made by `sapwood species train`. (default: the one that comes along)",
+        show_default=False,
+    ),
 ]
 DressedAs = Annotated[
     str | None,

@@ -55,7 +55,7 @@ def preview(
     if size is not None:
         look["size"] = o.parse_size(size)
     with terminal.progress(None, f"{source}: drawing"), blame(source):
-        tree, points = _load(terminal, source, scan, species, library)
+        tree, points = _load(terminal, source, scan, species or ("none" if hulls else "auto"), library)
         dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
         look["parts"] = None if dressed is None else dressed.parts()
         if dressed is None:
@@ -85,7 +85,7 @@ def _check_suffix(output: Path, turntable: bool) -> None:
 
 
 def _load(
-    terminal: Terminal, source: Path, scan: Path | None, species: str | None, library: Path | None
+    terminal: Terminal, source: Path, scan: Path | None, species: str, library: Path | None
 ) -> tuple[ClusterTree, Any]:
     """The tree, and the points that are drawn beside it: (xyz, color) in the tree's frame, or None."""
     from sapwood.trees import is_lobes, read_tree
@@ -103,7 +103,7 @@ def _load(
         raise InputError(f"{source}: --scan goes with a .lobes file; a scan is drawn beside its tree anyway.")
     from sapwood.pipeline import reconstruct
 
-    made = reconstruct(source, species=species, library=library)
+    made = reconstruct(source, species=None if species == "none" else species, library=library)
     for note in made.notes:
         terminal.note(f"{made.name}: {note}")
     return made.tree, (made.cloud.xyz, made.cloud.color)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sapwood.batch import Job, Outcome
 
 STAGES = {"read": "reading", "encode": "finding the tree", "measure": "measuring", "write": "drawing"}
+NONE = "none"  # instead of a species
 FAILED_ALL, FAILED_OURS, FAILED_SOME = 2, 1, 3
 REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and with `sapwood doctor --json`"
 
@@ -23,7 +24,8 @@ REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and 
 def reconstruct(
     scans: o.Scans,
     output: o.Folder,
-    species: o.Species = None,
+    species: o.Species = "auto",
+    model: o.ModelFile = None,
     f_s: o.FS = None,
     beta: o.Beta = None,
     gamma: o.Gamma = None,
@@ -61,14 +63,15 @@ def reconstruct(
 
     \b
     NAME.lobes          the tree, a few kilobytes
-    NAME.glb            its mesh, with leaves if --species is given
+    NAME.glb            its mesh, with leaves if its species is known
     NAME.cylinders.csv  its cylinders, in the scan's coordinates
     NAME.png            the scan beside the model
     NAME.json           its measures, and how it was made
     """
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     reading = {
-        "species": species,
+        "species": None if species.lower() == NONE else species,
+        "model": str(model) if model else None,
         "library": str(library) if library else None,
         "f_s": f_s,
         "beta": beta,
@@ -176,19 +179,23 @@ def _find(terminal: Terminal, arguments: Sequence[str]) -> tuple[dict[str, Path]
 
 
 def _check_options(reading: dict[str, Any]) -> None:
-    """Find a misspelt species or a value out of range before any scan is read."""
-    from sapwood.pipeline import READ_OPTIONS, known_species, make_settings
+    """Find a misspelt species, a bad model or a value out of range before any scan is read."""
+    from sapwood.classifying import find_model
+    from sapwood.pipeline import AUTO, READ_OPTIONS, known_species, make_settings
 
     known_species(reading["species"], reading["library"])
-    skipped = ("species", "library", *READ_OPTIONS)
+    if reading["species"] == AUTO:
+        find_model(reading["model"])
+    skipped = ("species", "library", "model", *READ_OPTIONS)
     make_settings(**{key: value for key, value in reading.items() if key not in skipped})
 
 
 def _prepare_leaves(terminal: Terminal, reading: dict[str, Any], saving: dict[str, Any]) -> None:
     """Derive the species, unless that is kept: what is wrong with it is said before any scan is read."""
     from sapwood.dressing import open_library
+    from sapwood.pipeline import AUTO
 
-    if reading["species"] is None or not saving.get("leaves", False):
+    if reading["species"] in (None, AUTO) or not saving.get("leaves", False):
         return
     library = open_library(reading["library"])
     for fault in library.faults:

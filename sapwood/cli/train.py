@@ -39,6 +39,13 @@ Output = Annotated[
 def species_train(
     source: Source,
     output: Output,
+    units: o.UnitsOption = None,
+    up: o.UpOption = o.Up.z,
+    largest: o.Largest = False,
+    keep_ground: o.KeepGround = False,
+    max_points: o.MaxPoints = None,
+    as_points: o.AsPoints = False,
+    decimal: o.DecimalOption = None,
     jobs: o.Jobs = 1,
     seed: o.Seed = 0,
     force: o.Force = False,
@@ -58,6 +65,7 @@ def species_train(
     a column tree, so that none of them is judged by a model that has seen another.
     """
     from classify import encode_model
+    from sapwood.cli.reconstruct import scan_options
     from sapwood.outputs import check_free, write_whole
     from sapwood.training import check_enough, find_labelled, report_path, report_training
 
@@ -70,7 +78,8 @@ def species_train(
     for path in skipped:
         terminal.note(f"{path}: left out, there are no points in it")
     check_enough(scans, source)
-    outcomes = describe_scans(terminal, [scan.path for scan in scans], jobs)
+    said = scan_options(units, up, None, largest, None, keep_ground, max_points, as_points, decimal)
+    outcomes = describe_scans(terminal, [scan.path for scan in scans], jobs, said)
     failed = failures(outcomes)
     good = [scan for scan, outcome in zip(scans, outcomes, strict=True) if outcome.report is not None]
     try:

@@ -108,3 +108,15 @@ def test_trusted_graph_keeps_short_edges_and_all_points_reachable(rng):
     assert np.isfinite(shortest_paths(kept, np.array([0]), kept.length)[0]).all()
     assert set(edges(kept)) <= set(edges(graph))
     assert {e for e, d in edges(graph).items() if d <= 0.2} <= set(edges(kept))
+
+
+def test_two_groups_of_many_clumps_far_apart_are_joined():
+    """Every clump finds only clumps of its own group, at any distance; the groups are joined all the same."""
+    rng = np.random.default_rng(0)
+    clumps = [
+        [60.0 * group, 1.0 * i, 1.0 * j] + rng.normal(0.0, 0.01, (14, 3))
+        for group in range(2) for i in range(6) for j in range(6)
+    ]  # fmt: skip
+    xyz = np.concatenate(clumps)
+    graph = bridge_gaps(xyz, neighbour_graph(xyz, 4))
+    assert components(graph)[0] == 1

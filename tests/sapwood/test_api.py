@@ -96,6 +96,9 @@ def test_messages_begin_with_the_file(tmp_path):
 def test_stages_are_announced_and_timed(scans):
     said = []
     made = sapwood.reconstruct(scans / "bare.xyz", progress=said.append)
+    assert said == ["read", "encode", "classify", "measure"]
+    said.clear()
+    sapwood.reconstruct(scans / "bare.xyz", species=None, progress=said.append)
     assert said == ["read", "encode", "measure"]
     assert {"read", "prepare", "skeleton", "radii", "measure"} <= set(made.seconds)
     assert all(seconds >= 0 for seconds in made.seconds.values())

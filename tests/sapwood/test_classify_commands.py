@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sapwood_scans import tree_points, write_xyz
 
-from classify import FEATURES, read_model, write_model
+from classify import FEATURES, read_model, shipped_model, write_model
 from sapwood.batch import DONE, INPUT, INTERNAL, Job, Outcome
 from sapwood.classifying import describe_job, say_species
 from sapwood.training import find_labelled
@@ -210,6 +210,7 @@ def test_nothing_is_overwritten(run, kinds, model):
         ("path,species\n", "there is no scan in this table"),
         ("path,species\na.laz,\n", "line 2: path and species must not be empty"),
         ("path,species\na.laz,oak\na.laz,ash\n", "line 3: a.laz is named twice"),
+        ("path,species,tree\na.laz,oak,1\nb.laz,ash,1\n", "tree '1' is of two species, oak and ash"),
         ("path,species\na.laz,oak\nb.laz,oak\n", "scans of at least 2 species, got 1: oak"),
         ("path,species\na.laz,oak\nb.laz,oak\nc.laz,ash\n", "at least 2 trees of each species, got 1 of ash"),
         ("path,species\na.laz,o\x07k\n", "at most 200 printable characters"),
@@ -243,10 +244,29 @@ def test_paths_of_a_table_are_relative_to_it(tmp_path):
     assert (scan.path, scan.species) == (tmp_path / "in" / "a.laz", "oak")
 
 
-def test_without_a_model_it_says_how_to_make_one(run, tmp_path):
-    done = run("sapwood", "classify", "oak.laz")
-    assert done.code == 2
-    assert "sapwood species train DIR" in done.error
+def test_a_model_comes_along(run, kinds, known):
+    done = run("sapwood", "classify", kinds / "oak" / "0.xyz", "--json")
+    assert done.code == 0
+    names = set(done.json["scans"][0]["probabilities"])
+    assert {"Oak", "Beech", "Pine", "Palm", "Willow"} < names and len(names) == 16
+    assert done.json["model"] == shipped_model().name
+
+
+def test_units_and_the_largest_of_many_trees_can_be_said(run, kinds, tmp_path):
+    meters = oak(0)
+    write_xyz(tmp_path / "mm.xyz", 1000.0 * meters, decimals=1)
+    write_xyz(tmp_path / "two.xyz", np.concatenate([meters, 0.7 * pole(1) + [9.0, 0.0, 0.0]]))
+    refused = run("sapwood", "classify", "two.xyz")
+    assert refused.code == 2 and "--largest" in refused.error
+    asked = ["sapwood", "classify", "--json"]
+    plain = run(*asked, kinds / "oak" / "0.xyz").json["scans"][0]["probabilities"]
+    for more in (["mm.xyz", "--units", "mm"], ["two.xyz", "--largest"]):
+        said = run(*asked, *more)
+        assert said.code == 0
+        assert said.json["scans"][0]["probabilities"] == pytest.approx(plain, abs=0.2)
+
+
+def test_a_file_that_is_no_model_is_refused(run, tmp_path):
     (tmp_path / "x.model").write_text("{}")
     assert (
         "x.model: a model must begin with" in run("sapwood", "classify", "a.laz", "--model", "x.model").error

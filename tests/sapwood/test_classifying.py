@@ -17,7 +17,7 @@ def binary_points():
 
 @pytest.fixture(scope="module")
 def features(binary_points):
-    return sapwood.features_of(sapwood.reconstruct(binary_points))
+    return sapwood.features_of(sapwood.reconstruct(binary_points, species=None))
 
 
 def test_they_describe_the_tree_that_was_scanned(features):
@@ -30,17 +30,17 @@ def test_they_describe_the_tree_that_was_scanned(features):
 
 
 def test_they_are_those_of_its_cloud_and_its_tree(binary_points, features):
-    made = sapwood.reconstruct(binary_points)
+    made = sapwood.reconstruct(binary_points, species=None)
     assert features.array.tobytes() == describe_scan(made.cloud.xyz, made.tree).array.tobytes()
 
 
 def test_map_coordinates_mean_nothing(binary_points, features):
     far = binary_points + np.array([455_000.0, 5_428_000.0, 231.0])
-    moved = sapwood.features_of(sapwood.reconstruct(far))
+    moved = sapwood.features_of(sapwood.reconstruct(far, species=None))
     npt.assert_array_equal(moved.array, features.array)
 
 
 def test_the_order_of_the_points_means_nothing(binary_points, features):
     mixed = np.random.default_rng(0).permutation(binary_points)
-    moved = sapwood.features_of(sapwood.reconstruct(mixed))
+    moved = sapwood.features_of(sapwood.reconstruct(mixed, species=None))
     npt.assert_allclose(moved.array, features.array, rtol=1e-9, atol=1e-9)

@@ -123,8 +123,9 @@ def batch(scans, tmp_path_factory):
     for jobs in (1, 2):
         out = f"out{jobs}"
         process = spawn(
-            "reconstruct", "in", "in/*/*.xyz", "-o", out, "--no-preview", "--jobs", jobs, cwd=folder
-        )
+            "reconstruct", "in", "in/*/*.xyz", "-o", out, "--no-preview", "--species", "none", "--jobs", jobs,
+            cwd=folder,
+        )  # fmt: skip
         done[jobs] = (*process.communicate(timeout=300), process.returncode)
     return folder, done
 

@@ -580,7 +580,7 @@ def test_reconstruct_dresses_the_tree(run, scans, mine, tmp_path):
     assert decoded.json["leaves"]["leaf_area_m2"] == pytest.approx(report["leaf_area_m2"], rel=0.05)
     hulls = run("reconstruct", *common, "-o", "b", "--species", "rowan", "--hulls").json["trees"][0]
     assert hulls["leaf_area_m2"] is None and hulls["leaves"] is None
-    none = run("reconstruct", *common, "-o", "c").json["trees"][0]
+    none = run("reconstruct", *common, "-o", "c", "--species", "none").json["trees"][0]
     assert none["leaf_area_m2"] is None and none["settings"]["species"] is None
 
 

@@ -1,0 +1,140 @@
+"""``--species auto``: a tree that a model recognises gets its parameters, and any other stays as it is."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sapwood_scans import tree_points
+
+import sapwood
+from classify import FEATURES, train_model, write_model
+from sapwood.classifying import find_model, recognise
+from treegraph import InputError, encode_lobes
+
+NAMES = [feature.name for feature in FEATURES]
+N_EACH = 12
+
+
+def plain(points):
+    return sapwood.reconstruct(points, species=None)
+
+
+@pytest.fixture(scope="module")
+def points():
+    """Of a leafy tree, and of a bare one."""
+    return {"leafy": tree_points(1), "bare": tree_points(leaves=False)}
+
+
+@pytest.fixture(scope="module")
+def described(points):
+    return {name: sapwood.features_of(plain(xyz)).array for name, xyz in points.items()}
+
+
+def taught(described, leafy, bare):
+    """A model for which trees like the leafy one are of one species, those like the bare one of another."""
+    rng = np.random.default_rng(0)
+    x = np.concatenate([
+        described[name] * rng.normal(1.0, 0.02, (N_EACH, len(NAMES))) for name in ("leafy", "bare")
+    ])  # fmt: skip
+    names = [leafy] * N_EACH + [bare] * N_EACH
+    return train_model(x, names, NAMES, rng=rng, n_folds=3, name="two kinds").model
+
+
+@pytest.fixture(scope="module")
+def model(described):
+    return taught(described, "Oak", "Pine")
+
+
+def refusing(model):
+    """The same, but every tree is none of these."""
+    return replace(model, rejection=replace(model.rejection, score_min=1e6))
+
+
+def undecided(model):
+    """The same, but both species are about as probable."""
+    return replace(model, temperature=1000.0)
+
+
+def test_a_leafy_tree_gets_the_parameters_of_its_species(points, model):
+    made = sapwood.reconstruct(points["leafy"], model=model)
+    named = sapwood.reconstruct(points["leafy"], species="Oak")
+    assert made.recognised["species"] == "Oak" and made.recognised["taken"]
+    assert encode_lobes(made.tree) == encode_lobes(named.tree)
+    assert encode_lobes(made.tree) != encode_lobes(plain(points["leafy"]).tree)
+    assert {"first_pass", "classify"} < set(made.seconds)
+    said = [note for note in made.notes if note.startswith("taken for Oak by its shape (probability ")]
+    assert len(said) == 1 and named.recognised is None
+
+
+def test_a_bare_tree_keeps_its_branches(points, model):
+    made = sapwood.reconstruct(points["bare"], model=model)
+    assert made.tree.species == "Pine" and made.tree.allometry.f_s == 1.0
+    assert not made.tree.clusters
+    assert encode_lobes(replace(made.tree, species=None)) == encode_lobes(plain(points["bare"]).tree)
+
+
+@pytest.mark.parametrize("change", [refusing, undecided])
+def test_what_is_not_recognised_is_left_as_it_is(points, model, change):
+    made = sapwood.reconstruct(points["leafy"], model=change(model))
+    assert not made.recognised["taken"]
+    assert (made.recognised["species"] is None) == (change is refusing)
+    assert encode_lobes(made.tree) == encode_lobes(plain(points["leafy"]).tree)
+    assert made.tree.species is None
+    assert not [note for note in made.notes if "taken for" in note]
+
+
+def test_a_species_that_the_library_lacks_is_only_a_name(points, described):
+    made = sapwood.reconstruct(points["leafy"], model=taught(described, "Baobab", "Pine"))
+    assert made.tree.species == "Baobab"
+    assert encode_lobes(replace(made.tree, species=None)) == encode_lobes(plain(points["leafy"]).tree)
+
+
+def test_the_species_that_is_named_is_taken_without_asking(points, model):
+    made = sapwood.reconstruct(points["leafy"], species="Beech", model=model)
+    assert made.tree.species == "Beech" and made.recognised is None
+
+
+def test_too_few_points_are_not_recognised(points, model):
+    import recon
+
+    encoding = recon.encode_with_report(points["leafy"])
+    few = replace(encoding, cloud=encoding.cloud.take(np.arange(5)))
+    assert recognise(few, model) == {
+        "species": None, "probability": None, "probabilities": {}, "features": [], "taken": False,
+    }  # fmt: skip
+
+
+def test_the_model_that_comes_along_knows_the_library():
+    from species.library import builtin_library
+
+    assert list(find_model().classes) == sorted(builtin_library().names)
+    assert find_model() is find_model()
+
+
+def test_a_model_of_other_features_is_refused(model):
+    with pytest.raises(InputError, match="the model looks at 'heat'"):
+        find_model(replace(model, features=("heat", *model.features[1:])))
+
+
+def test_the_command_takes_a_model(run, scans, model, tmp_path):
+    write_model(tmp_path / "two.model", model)
+    done = run(
+        "reconstruct", scans / "leafy.xyz", "-o", "a", "--no-preview", "--json", "--model", "two.model"
+    )
+    report = done.json["trees"][0]
+    assert done.code == 0
+    assert (report["recognised"]["species"], report["settings"]["species"]) == ("Oak", "Oak")
+    assert report["leaves"]["species"] == "Oak" and report["leaf_area_m2"] > 0.0
+    assert json.loads((tmp_path / "a" / "leafy.json").read_text())["recognised"] == report["recognised"]
+    none = run("reconstruct", scans / "leafy.xyz", "-o", "b", "--no-preview", "--json", "--species", "none")
+    assert (
+        none.json["trees"][0]["recognised"] is None and none.json["trees"][0]["settings"]["species"] is None
+    )
+
+
+def test_a_bad_model_is_said_before_any_scan_is_read(run, tmp_path):
+    (tmp_path / "bad.model").write_text("{}")
+    done = run("reconstruct", "absent.laz", "also.laz", "-o", "a", "--model", "bad.model")
+    assert done.code == 2 and "bad.model: a model must begin with" in done.err
+    assert not (tmp_path / "a").exists()
