@@ -207,6 +207,8 @@ def _mean(xyz: Floats, middle: Floats, size: float) -> tuple[Floats, float]:
 
     step = size / PLAN_STEPS
     n, x, y, z, xx, xy, yy = kernels.plan_moments(xyz, middle, step, FAR * PLAN_STEPS).astype(np.float64)
+    if n == 0.0:  # all are far from their middle: a few points in corners
+        return np.array(middle, np.float64), 0.0
     heading = 0.5 * np.arctan2(2.0 * (xy - x * y / n), (xx - x * x / n) - (yy - y * y / n))
     return middle + step * np.array([x, y, z]) / n, float(heading)
 

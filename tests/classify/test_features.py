@@ -156,6 +156,13 @@ def test_any_cloud_has_a_description(seed, n, digits, size):
     assert not np.isinf(array).any()
 
 
+def test_points_that_are_all_far_from_their_middle_have_no_heading():
+    from classify._thinned import _mean
+
+    middle, heading = _mean(np.full((12, 3), 100.0), np.array([1.0, 2.0, 3.0]), 1.0)
+    assert middle.tolist() == [1.0, 2.0, 3.0] and heading == 0.0
+
+
 # ---------------------------------------------------------------- what must not matter
 
 
