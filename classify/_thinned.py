@@ -185,8 +185,8 @@ def view_cloud(xyz: Floats) -> TreeView:
     """Look at (n, 3) finite points, n > 0: metres, foot of the trunk at the origin, z up."""
     height = max(float(np.quantile(xyz[:, 2], TOP)), 0.0)
     middle = np.median(xyz, axis=0)  # holds against strays; the mean turns with the tree
-    middle, _ = _mean(xyz, middle, max(height, _width(xyz, middle), METRIC_EDGE))
-    size = max(height, _width(xyz, middle), METRIC_EDGE)
+    middle, _ = _mean(xyz, middle, _size(xyz, middle, height))
+    size = _size(xyz, middle, height)
     xyz, middle = _turned(xyz, middle, size)
     low = np.maximum(xyz.min(axis=0), middle - FAR * size)
     high = np.minimum(xyz.max(axis=0), middle + FAR * size)
@@ -194,6 +194,13 @@ def view_cloud(xyz: Floats) -> TreeView:
     metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS), middle)
     share = np.clip(grid.xyz[:, 2] / height, 0.0, 1.0) if height > 0.0 else np.zeros(len(grid.xyz))
     return TreeView(grid, metric, height, size, share)
+
+
+def _size(xyz: Floats, middle: Floats, height: float) -> float:
+    """Height or width, whichever is more, metres; so much that not all points are strays."""
+    size = max(height, _width(xyz, middle), METRIC_EDGE)
+    off = np.abs(xyz - middle).max(axis=1)
+    return size if float(off.min()) < 0.5 * FAR * size else max(size, float(off.max()))
 
 
 def _width(xyz: Floats, middle: Floats) -> float:
