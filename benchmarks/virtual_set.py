@@ -8,8 +8,12 @@ on the tree are kept; they are reconstructed with the default allometry and desc
     python -m benchmarks.virtual_set DIR --trees 40 --scans 2 --jobs 2
     python -m benchmarks.virtual_set DIR --species Oak,Pine --trees 3 --keep-scans
 
+    python -m benchmarks.virtual_set DIR --again --jobs 2
+
 writes DIR/SPECIES.npz for every species that has none yet; with --keep-scans also DIR/SPECIES/TREE_SCAN.xyz,
-and DIR/scans.csv with their paths, species and trees. The same seed gives the same set, whatever --jobs is.
+and DIR/scans.csv with their paths, species and trees. With --again the kept scans, which are rounded to a
+millimetre, are reconstructed and described anew, whenever what describes them has changed. The same seed
+gives the same set, whatever --jobs is.
 """
 
 from __future__ import annotations
@@ -69,14 +73,14 @@ class Campaign:
 
     variety: Variety = ANY
     kinds: tuple[tuple[str, float], ...] = (("stations", 0.7), ("street", 0.15), ("air", 0.15))
-    points: tuple[int, int] = (4_000, 60_000)
+    points: tuple[int, int] = (4_000, 120_000)
     points_air: tuple[int, int] = (800, 12_000)
     hiding: float = 0.35
 
 
 CAMPAIGNS = {
     "any": Campaign(),
-    "city": Campaign(CITY, kinds=(("stations", 1.0),), points=(20_000, 80_000), hiding=0.25),
+    "city": Campaign(CITY, kinds=(("stations", 1.0),), points=(40_000, 200_000), hiding=0.25),
 }
 """Any tree, scanned in any way, to train with; and trees in leaf from one to four stations."""
 
@@ -352,10 +356,32 @@ def _task(task: tuple[str, int, int, int, str, bool]) -> list[dict[str, Any]]:
 def write_scans(folder: Path, samples: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
     """Write each scan as text, to a millimetre; yield path below `folder`, species and tree."""
     for sample in samples:
-        path = folder / sample["species"] / f"{sample['tree'].replace(' ', '_')}_{sample['scan']}.xyz"
+        path = scan_path(folder, sample["species"], sample["tree"], sample["scan"])
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savetxt(path, sample["points"], fmt="%.3f")
         yield str(path.relative_to(folder)), sample["species"], sample["tree"]
+
+
+def scan_path(folder: Path, species: str, tree: str, scan: int) -> Path:
+    """Where a kept scan lies."""
+    return folder / species / f"{tree.replace(' ', '_')}_{scan}.xyz"
+
+
+def describe_again(path: Path) -> int:
+    """Describe the kept scans of one file of a set anew; how many they are."""
+    from classify import FEATURES, describe_scan
+
+    with np.load(path, allow_pickle=False) as file:
+        kept = [name for name in file.files if name.startswith("column_")]
+        columns = {name.removeprefix("column_"): file[name] for name in kept}
+    samples = []
+    for k in range(len(columns["tree"])):
+        row = {name: value[k] for name, value in columns.items()}
+        scan = scan_path(path.parent, str(row["species"]), str(row["tree"]), int(row["scan"]))
+        made = _encoded(np.loadtxt(scan))
+        samples.append({"x": describe_scan(made.cloud.xyz, made.tree).array, **row})
+    save_set(path, samples, [feature.name for feature in FEATURES])
+    return len(samples)
 
 
 def main() -> None:
@@ -372,7 +398,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--keep-scans", action="store_true", help="write the points, too, and scans.csv")
+    parser.add_argument("--again", action="store_true", help="describe the scans that were kept anew")
     arguments = parser.parse_args()
+    if arguments.again:
+        paths = sorted(arguments.folder.glob("*.npz"))
+        with ProcessPoolExecutor(arguments.jobs) as pool:
+            for path, count in zip(paths, pool.map(describe_again, paths), strict=True):
+                print(f"{path.stem}: {count} scans described anew", file=sys.stderr)
+        return
     names = [name.strip() for name in arguments.species.split(",") if name.strip()] or builtin_library().names
     arguments.folder.mkdir(parents=True, exist_ok=True)
     listed: list[tuple[str, str, str]] = []

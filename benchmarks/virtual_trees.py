@@ -82,7 +82,7 @@ CITY = Variety(
     ages=(0.7, 1.15),
     internodes=(0.45, 1.6),
     own=0.02,
-    places=(("open", 0.8), ("stand", 0.1), ("wall", 0.1)),
+    places=(("open", 0.9), ("stand", 0.05), ("wall", 0.05)),
     seasons=(("summer", 1.0),),
 )
 """Trees of a city in leaf."""

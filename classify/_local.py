@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from classify._feature import Feature, Floats, divided, family, mean_of, quantiles_of, spread_of
-from classify._thinned import Grid, TreeView
+from classify._thinned import KEY, Grid, TreeView
 
 SAMPLE = 8  # finer cells that a shape is found from: always as many, as few points look flatter than many
 SAMPLES = 2  # shapes of a neighbourhood, at most, of which the mean is taken
@@ -125,19 +125,24 @@ class Shapes:
     edge: float
 
 
-def find_shapes(grid: Grid, ratio: int) -> Shapes:
-    """Shapes around each cell `ratio` times as wide as those of the grid."""
+def find_shapes(grid: Grid, ratio: int, most: int | None = None) -> Shapes:
+    """Shapes around cells `ratio` times as wide as those of the grid: all, or `most` of lowest rank."""
     from classify import _feature_kernels as kernels
 
     code, stride_x, stride_y = grid.coarse(ratio)
     order = grid.by_rank[np.argsort(code[grid.by_rank], kind="stable")]
     cell, own, cell_of = kernels.cell_moments(grid.xyz, order, code)
-    around = kernels.neighbour_sums(cell, own, stride_x, stride_y)
-    directions = kernels.shapes(around, LEAST)[:, 5:]
     first = np.concatenate([[0], np.cumsum(np.bincount(cell_of))])
+    pick = np.arange(len(cell))
+    if most is not None and len(cell) > most:
+        i, j, k = (grid.cell[order[first[:-1]]] // ratio).T
+        pick = np.sort(np.argsort(kernels.mix((i * KEY + j) * KEY + k), kind="stable")[:most])
+    around = kernels.neighbour_sums(cell, own, stride_x, stride_y, pick)
+    directions = kernels.shapes(around, LEAST)[:, 5:]
     sample = kernels.sample_moments(
-        grid.xyz, grid.rank, order, cell, first, stride_x, stride_y, SAMPLE, SAMPLES
+        grid.xyz, grid.rank, order, cell, first, stride_x, stride_y, SAMPLE, SAMPLES, pick
     )
+    own = own[pick]
     each = kernels.shapes(sample.reshape(-1, sample.shape[2]), SAMPLE)[:, 1:5].reshape(-1, SAMPLES, 4)
     n_known = np.isfinite(each[:, :, 0]).sum(axis=1)
     kinds = divided(np.nansum(each, axis=1), n_known[:, None])
@@ -155,7 +160,7 @@ def describe_local(view: TreeView) -> dict[str, float]:
     for scale in SCALES:
         grid = view.metric if scale.is_metric else view.grid
         shapes = find_shapes(grid, scale.ratio)
-        part = _thirds(shapes, view.height)
+        part = thirds(shapes, view.height)
         out |= _statistics(shapes, part, scale)
         if scale.name in ("fine", "medium"):
             out |= _rises(shapes, part, view, scale.name)
@@ -164,7 +169,8 @@ def describe_local(view: TreeView) -> dict[str, float]:
     return out
 
 
-def _thirds(shapes: Shapes, height: float) -> NDArray[np.int64]:
+def thirds(shapes: Shapes, height: float) -> NDArray[np.int64]:
+    """Third of the height in which each place is."""
     if not height > 0.0:
         return np.zeros(len(shapes.place), np.int64)
     return np.clip(shapes.place[:, 2] / height * 3.0, 0.0, 2.0).astype(np.int64)

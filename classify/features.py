@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from classify import _dimensions, _inhomogeneity, _local, _profiles, _skeleton
+from classify import _dimensions, _foliage, _inhomogeneity, _local, _profiles, _skeleton
 from classify._feature import Feature
 from treegraph.errors import InputError
 
@@ -30,6 +30,7 @@ FEATURES: tuple[Feature, ...] = (
     *_dimensions.FEATURES,
     *_profiles.FEATURES,
     *_local.FEATURES,
+    *_foliage.FEATURES,
     *_inhomogeneity.FEATURES,
     *_skeleton.FEATURES,
 )
@@ -110,6 +111,7 @@ def describe_scan(xyz: ArrayLike, tree: ClusterTree | TreeGraph | None = None) -
     found |= _dimensions.describe_slabs(view, graph)
     found |= _profiles.describe_profiles(view)
     found |= _local.describe_local(view)
+    found |= _foliage.describe_foliage(view)
     found |= _inhomogeneity.describe_inhomogeneity(view)
     found |= _inhomogeneity.describe_stems(view, graph)
     found |= _skeleton.describe_skeleton(graph, view.height)

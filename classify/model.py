@@ -39,7 +39,7 @@ __all__ = [
     "train_model",
 ]
 
-SPECIES_SETTINGS = BoostSettings(n_rounds=600, learning_rate=0.3, max_features=0.2)
+SPECIES_SETTINGS = BoostSettings(n_rounds=1200, learning_rate=0.2, max_features=0.05)
 """How species are trained. Against the published settings, shorter stumps and a draw of features win two
 points of accuracy in no more time (``benchmarks/jointboost.py``)."""
 
@@ -257,6 +257,8 @@ def train_model(
 ) -> Training:
     """Train stumps on all scans; calibrate on scans held out in turn.
 
+    Scans of a species together weigh as much as those of any other, however many they are.
+
     Parameters
     ----------
     x : (n, f) float
@@ -318,13 +320,20 @@ def train_model(
         version=version,
         classes=tuple(str(each) for each in classes),
         features=tuple(features),
-        stumps=boost(x, label, np.ones(len(x)), settings, own_rng[-1]).stumps,
+        stumps=boost(x, label, _balanced(label), settings, own_rng[-1]).stumps,
         temperature=temperature,
         span=fit_range(x, label, classes.size),
         rejection=fit_rejection(scores.max(axis=1), distance, fold, false_rejection),
         provenance=dict(provenance or {}),
     )
     return Training(model, label, fold, to_probabilities(scores, temperature), to_probabilities(scores, 1.0))
+
+
+def _balanced(label: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Weight of each sample: that of all samples of a class is the same for every class, the mean is 1."""
+    count = np.bincount(label)
+    weight = 1.0 / count[label]
+    return weight / weight.mean()
 
 
 def _judge(
@@ -335,7 +344,7 @@ def _judge(
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Train on (x, label); return scores (k, c) and distances (k,) of other samples."""
-    stumps = boost(x, label, np.ones(len(x)), settings, rng).stumps
+    stumps = boost(x, label, _balanced(label), settings, rng).stumps
     scores = two_sided(stumps.scores(test))
     span = fit_range(x, label, scores.shape[1])
     return scores, span.distance(test, scores.argmax(axis=1), stumps.importances())

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks import virtual_set
-from benchmarks.virtual_set import Survey, draw_survey, load_set, make_samples, save_set, scan_tree
+from benchmarks.virtual_set import (
+    Survey,
+    describe_again,
+    draw_survey,
+    load_set,
+    make_samples,
+    save_set,
+    scan_tree,
+    write_scans,
+)
 from benchmarks.virtual_trees import (
     ANY,
     CITY,
@@ -141,6 +150,21 @@ def test_a_file_gives_back_what_was_written(tmp_path):
     assert found.columns["n_stations"].tolist()[1:] == [sample["n_stations"] for sample in samples]
     assert set(found.columns) >= {"kind", "aim", "noise", "season", "height", "n_points", "scan"}
     assert len(load_set(tmp_path / "Box.npz")) == 2
+
+
+def test_kept_scans_are_described_anew(tmp_path):
+    samples = make_samples(Boxes(), 2, 2, seed=3)
+    path = tmp_path / "Box tree.npz"
+    assert len(list(write_scans(tmp_path, samples))) == 2
+    save_set(path, [{**sample, "x": np.zeros(3)} for sample in samples], ["a", "b", "c"])
+    before = load_set(path)
+    assert describe_again(path) == 2
+    after = load_set(path)
+    assert after.features.tolist() == NAMES
+    for name, value in before.columns.items():
+        np.testing.assert_array_equal(after.columns[name], value, err_msg=name)
+    made = encode_with_report(np.round(samples[1]["points"], 3))
+    np.testing.assert_allclose(after.x[1], describe_scan(made.cloud.xyz, made.tree).array, rtol=1e-6)
 
 
 def test_files_of_other_features_and_empty_folders_are_refused(tmp_path):

@@ -32,11 +32,14 @@ GROUPS = {
     "radial profile",
     "local geometry",
     "normals",
+    "leaves and twigs",
     "inhomogeneity",
     "stems",
     "skeleton",
     "clusters",
 }
+#: A crown filled with random points has too few in a few centimetres.
+LEAVES = {feature.name for feature in FEATURES if feature.group == "leaves and twigs"}
 #: Power of the length in each unit.
 POWER = {"": 0, "rad": 0, "m": 1, "m2": 2, "m3": 3, "1/m": -1, "1/m3": -3}
 
@@ -109,13 +112,13 @@ def test_without_a_skeleton_only_what_needs_it_is_unknown():
     names |= {name for name in vector if re.search(r"_tips$|tip_share$|n_leaders|^trunk_width|^breast", name)}
     unknown = {name for name, value in vector.items() if np.isnan(value)}
     assert names <= unknown
-    assert unknown - names <= {"layer_10_width"}
+    assert unknown - names - LEAVES <= {"layer_10_width"}
 
 
 def test_with_a_tree_nearly_everything_is_known():
     vector = describe_scan(example_cloud(np.random.default_rng(0)), example_tree())
     unknown = {name for name, value in vector.items() if np.isnan(value)}
-    assert unknown == {
+    assert unknown - LEAVES == {
         "measured_share",  # the comb does not say
         "order_2_spacing",  # there is one branch of order 2
         "order_2_spacing_variation",
@@ -193,7 +196,7 @@ def test_every_feature_grows_with_the_tree_as_its_unit_says(factor):
     before = described(cloud, tree)
     after = described(cloud * factor, grown_tree(tree, factor))
     for k, feature in enumerate(FEATURES):
-        if re.search(r"45cm|90cm|breast", feature.name):
+        if re.search(r"\dcm|breast", feature.name):
             continue
         expected = before[k] * factor ** POWER[feature.unit]
         npt.assert_allclose(after[k], expected, rtol=1e-6, atol=1e-9, err_msg=feature.name)

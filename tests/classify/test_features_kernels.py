@@ -70,6 +70,18 @@ def test_a_cell_keeps_its_rank_in_any_scan():
         assert known[tuple(place)] == rank
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
+def test_a_share_of_the_cells_are_those_of_lowest_rank(share):
+    cloud = small_cloud(5, 3000)
+    whole = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.2, ZERO)
+    part = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.2, ZERO, share)
+    keep = whole.rank <= np.uint64(min(int(share * 2.0**64), 2**64 - 1))
+    assert keep.mean() == pytest.approx(share, abs=0.05)
+    npt.assert_array_equal(part.cell, whole.cell[keep])
+    npt.assert_array_equal(part.xyz, whole.xyz[keep])
+    npt.assert_array_equal(part.count, whole.count[keep])
+
+
 def test_coarse_cells_are_runs_of_fine_ones_with_room_between():
     cloud = small_cloud(2)
     grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.25, ZERO)
@@ -102,30 +114,34 @@ def moments_of(xyz):
     return [len(xyz), *xyz.sum(axis=0), *squares[np.triu_indices(3)]]
 
 
+@pytest.mark.parametrize("step", [1, 3])
 @pytest.mark.parametrize("ratio", [1, 2, 3])
-def test_neighbour_sums_are_those_of_27_cells(ratio):
+def test_neighbour_sums_are_those_of_27_cells(ratio, step):
     cloud = small_cloud(3, 150)
     grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.4, ZERO)
     code, stride_x, stride_y = grid.coarse(ratio)
     cell, own, cell_of = kernels.cell_moments(grid.xyz, np.argsort(code, kind="stable"), code)
-    around = kernels.neighbour_sums(cell, own, stride_x, stride_y)
+    pick = np.arange(0, len(cell), step)
+    around = kernels.neighbour_sums(cell, own, stride_x, stride_y, pick)
     place, near = neighbourhoods(grid, ratio)
     assert cell.tolist() == sorted(place)
     npt.assert_array_equal(cell[cell_of], code)
-    npt.assert_allclose(around, [moments_of(grid.xyz[near[c]]) for c in cell.tolist()], rtol=1e-9, atol=1e-9)
+    expected = [moments_of(grid.xyz[near[c]]) for c in cell[pick].tolist()]
+    npt.assert_allclose(around, expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("k, parts", [(3, 1), (5, 2), (8, 3)])
-def test_samples_are_the_lowest_ranks_around(k, parts):
+@pytest.mark.parametrize("k, parts, step", [(3, 1, 1), (5, 2, 2), (8, 3, 1)])
+def test_samples_are_the_lowest_ranks_around(k, parts, step):
     cloud = small_cloud(4, 200)
     grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.3, ZERO)
     code, stride_x, stride_y = grid.coarse(2)
     order = grid.by_rank[np.argsort(code[grid.by_rank], kind="stable")]
     cell, _, cell_of = kernels.cell_moments(grid.xyz, order, code)
     first = np.concatenate([[0], np.cumsum(np.bincount(cell_of))])
-    got = kernels.sample_moments(grid.xyz, grid.rank, order, cell, first, stride_x, stride_y, k, parts)
+    pick = np.arange(0, len(cell), step)
+    got = kernels.sample_moments(grid.xyz, grid.rank, order, cell, first, stride_x, stride_y, k, parts, pick)
     _, near = neighbourhoods(grid, 2)
-    for row, c in enumerate(cell.tolist()):
+    for row, c in enumerate(cell[pick].tolist()):
         ranked = sorted(near[c], key=lambda r: grid.rank[r])
         for part in range(parts):
             mine = ranked[part * k : (part + 1) * k]

@@ -53,7 +53,10 @@ def refusing(model):
 
 def undecided(model):
     """The same, but both species are about as probable."""
-    return replace(model, temperature=1000.0)
+    s = model.stumps
+    faint = {name: 1e-3 * getattr(s, name) for name in ("intercept", "above", "below", "constant")}
+    rejection = replace(model.rejection, score_min=-1e6)
+    return replace(model, stumps=replace(s, **faint), temperature=1000.0, rejection=rejection)
 
 
 def test_a_leafy_tree_gets_the_parameters_of_its_species(points, model):
