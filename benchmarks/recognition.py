@@ -47,6 +47,7 @@ PUBLISHED = {
     "Willow": (6, 12, 92.8),
 }
 HEIGHT = ("height",)
+OTHER_RATIO = 5.0  # of h1 and h2, beside the published 1.5
 N_SPLITS = 100
 N_FOLDS = 2  # in which the scans of a training are held out to calibrate it
 STREET, ALONG, ACROSS = 10, 8.0, 30.0  # trees of a street, and metres between trees and between streets
@@ -104,6 +105,8 @@ def split(found: VirtualSet, columns: tuple[str, ...] | None, seed: int) -> Row:
         for score in ("own", "neighbours"):
             vote = vote_species(place, probability, score=score)  # type: ignore[arg-type]
             row[f"{layout}, {score}"] = float((vote.label == true).mean())
+        vote = vote_species(place, probability, ratio=OTHER_RATIO)
+        row[f"{layout}, h1 > {OTHER_RATIO:g} h2"] = float((vote.label == true).mean())
     return row
 
 
@@ -141,14 +144,18 @@ def mixed(n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def protocol(found: VirtualSet, n_splits: int, jobs: int) -> list[Row]:
-    """The published experiment, with all features and with the height alone."""
+    """The published experiment with all features, without those of leaves, and with the height alone."""
+    from classify import FEATURES
+
     chosen = published_set(found)
     heights = chosen.columns["height"]
     folds = [float(np.ptp(np.log(heights[chosen.species == name]))) for name in PUBLISHED]
     print(f"least factor between a species' lowest and highest tree: {np.exp(min(folds)):.2f}\n")
+    larger = tuple(feature.name for feature in FEATURES if feature.group != "leaves and twigs")
     rows: list[Row] = []
     for what, columns, n in (
         ("all features", None, n_splits),
+        ("without leaves and twigs", larger, max(n_splits // 5, 1)),
         ("height alone", HEIGHT, max(n_splits // 5, 1)),
     ):
         found_rows = list(_each(partial(split, chosen, columns), range(n), jobs))

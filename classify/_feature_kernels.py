@@ -19,34 +19,14 @@ def _slot(code, mask):
 
 
 @_jit
-def _mixed(code):
-    """Well-mixed 64 bits: a rank that looks random (SplitMix64)."""
-    x = np.uint64(code) + np.uint64(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))
-
-
-@_jit
-def mix(code):
-    """A rank of 64 bits for each number."""
-    out = np.empty(code.size, np.uint64)
-    for i in range(code.size):
-        out[i] = _mixed(code[i])
-    return out
-
-
-@_jit
-def voxel_sums(xyz, low, edge, shape, quantum, first, key_stride, most):
+def voxel_sums(xyz, low, edge, shape, quantum):
     """Points and sums of whole-number coordinates in each filled voxel, in no order.
 
     xyz (n, 3); voxel (i, j, k) of `shape` begins at low + edge (i, j, k) and has the code
-    (i shape[1] + j) shape[2] + k; points outside are left out, and so are voxels whose rank is over `most`:
-    that of (i, j, k) + first, each a digit of base `key_stride`. Coordinates are counted in `quantum` from
+    (i shape[1] + j) shape[2] + k; points outside are left out. Coordinates are counted in `quantum` from
     `low`, so that sums do not depend on the order of the points. Returns code (m,), sums (m, 4): x, y, z,
     points.
     """
-    all_of_them = most == np.uint64(0xFFFFFFFFFFFFFFFF)
     size = 1 << 12
     key = np.full(size, np.int64(-1))
     at = np.empty(size, np.int64)
@@ -60,10 +40,6 @@ def voxel_sums(xyz, low, edge, shape, quantum, first, key_stride, most):
         i, j, k = np.floor(x * per_edge), np.floor(y * per_edge), np.floor(z * per_edge)
         if not (0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]):
             continue
-        if not all_of_them:
-            place = (np.int64(i) + first[0]) * key_stride + np.int64(j) + first[1]
-            if _mixed(place * key_stride + np.int64(k) + first[2]) > most:
-                continue
         c = (np.int64(i) * shape[1] + np.int64(j)) * shape[2] + np.int64(k)
         slot = _slot(c, mask)
         while key[slot] != -1 and key[slot] != c:
@@ -457,4 +433,16 @@ def hull_table(vertices, faces, first_vertex, first_face):
             low_along, high_along = min(low_along, along), max(high_along, along)
             low_across, high_across = min(low_across, across), max(high_across, across)
         row[4], row[5] = high_along - low_along, high_across - low_across
+    return out
+
+
+@_jit
+def mix(code):
+    """Well-mixed 64 bits for each number: a rank that looks random (SplitMix64)."""
+    out = np.empty(code.size, np.uint64)
+    for i in range(code.size):
+        x = np.uint64(code[i]) + np.uint64(0x9E3779B97F4A7C15)
+        x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        out[i] = x ^ (x >> np.uint64(31))
     return out

@@ -9,12 +9,10 @@ blades of leaves, leaflets and twigs differ. A scan without points so close toge
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from classify._feature import Feature, Floats, mean_of, quantiles_of, spread_of
-from classify._local import Shapes, find_shapes, thirds
+from classify._local import Scale, Shapes, find_shapes, thirds
 from classify._thinned import TreeView
 
 PLACES = 8000  # of a tree that are looked at, at most
@@ -23,21 +21,13 @@ SLOPES = (10, 25, 50, 75, 90)  # % of directions
 GROUP = "leaves and twigs"
 
 
-@dataclass(frozen=True)
-class LeafScale:
-    """A distance at which shapes are looked at: cells `ratio` leaf cells wide, with those around them."""
-
-    name: str
-    ratio: int
-    text: str
-
-
 SCALES = (
-    LeafScale("5cm", 2, "0.05 m around"),
-    LeafScale("7cm", 3, "0.07 m around"),
-    LeafScale("12cm", 5, "0.12 m around"),
-    LeafScale("22cm", 9, "0.22 m around"),
+    Scale("5cm", 2, True, "0.05 m around"),
+    Scale("7cm", 3, True, "0.07 m around"),
+    Scale("12cm", 5, True, "0.12 m around"),
+    Scale("22cm", 9, True, "0.22 m around"),
 )
+"""Widths in leaf cells."""
 
 _PARTS = {"crown": "crown", "low": "low third of the height", "high": "high third of the height"}
 _MEANS = {
@@ -49,7 +39,7 @@ _MEANS = {
 _SPREADS = ("linearity", "planarity", "scattering")
 
 
-def _features_of(scale: LeafScale) -> list[Feature]:
+def _features_of(scale: Scale) -> list[Feature]:
     """The features at one scale."""
     names = [
         (f"{kind}_{scale.name}_{part}", f"{text}, {scale.text} ({word})")
@@ -83,14 +73,12 @@ def _statistics(shapes: Shapes, view: TreeView, scale: str) -> dict[str, float]:
     crown = shapes.place[:, 2] >= view.crown_base * view.height
     part = thirds(shapes, view.height)
     known = np.isfinite(shapes.linearity)
-    filled = 3.0 * shapes.edge * np.sqrt(3.0 / 12.0)  # extent of an evenly filled cube of three cells
     out = {}
     for name, where in {"crown": crown, "low": part == 0, "high": part == 2}.items():
         mine = where & known
         enough = int(mine.sum()) >= LEAST_PLACES
         for kind in _MEANS:
-            value = shapes.extent / filled if kind == "compactness" else getattr(shapes, kind)
-            mean = mean_of(value[mine], shapes.weight[mine]) if enough else np.nan
+            mean = mean_of(getattr(shapes, kind)[mine], shapes.weight[mine]) if enough else np.nan
             out[f"{kind}_{scale}_{name}"] = mean
     mine = crown & known
     enough = int(mine.sum()) >= LEAST_PLACES

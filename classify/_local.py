@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from classify._feature import Feature, Floats, divided, family, mean_of, quantiles_of, spread_of
-from classify._thinned import KEY, Grid, TreeView
+from classify._thinned import Grid, TreeView, rank_of
 
 SAMPLE = 8  # finer cells that a shape is found from: always as many, as few points look flatter than many
 SAMPLES = 2  # shapes of a neighbourhood, at most, of which the mean is taken
@@ -124,6 +124,11 @@ class Shapes:
     place: Floats
     edge: float
 
+    @property
+    def compactness(self) -> Floats:
+        """Extent over that of an evenly filled cube of three cells (k,)."""
+        return self.extent / (3.0 * self.edge * np.sqrt(3.0 / 12.0))
+
 
 def find_shapes(grid: Grid, ratio: int, most: int | None = None) -> Shapes:
     """Shapes around cells `ratio` times as wide as those of the grid: all, or `most` of lowest rank."""
@@ -135,8 +140,8 @@ def find_shapes(grid: Grid, ratio: int, most: int | None = None) -> Shapes:
     first = np.concatenate([[0], np.cumsum(np.bincount(cell_of))])
     pick = np.arange(len(cell))
     if most is not None and len(cell) > most:
-        i, j, k = (grid.cell[order[first[:-1]]] // ratio).T
-        pick = np.sort(np.argsort(kernels.mix((i * KEY + j) * KEY + k), kind="stable")[:most])
+        rank = rank_of(grid.cell[order[first[:-1]]] // ratio)
+        pick = np.sort(np.argsort(rank, kind="stable")[:most])
     around = kernels.neighbour_sums(cell, own, stride_x, stride_y, pick)
     directions = kernels.shapes(around, LEAST)[:, 5:]
     sample = kernels.sample_moments(
@@ -178,14 +183,13 @@ def thirds(shapes: Shapes, height: float) -> NDArray[np.int64]:
 
 def _statistics(shapes: Shapes, part: NDArray[np.int64], scale: Scale) -> dict[str, float]:
     w = shapes.weight
-    filled = 3.0 * shapes.edge * np.sqrt(3.0 / 12.0)  # extent of an evenly filled cube of three cells
     kinds = {
         "linearity": mean_of(shapes.linearity, w),
         "linearity_spread": spread_of(shapes.linearity, w),
         "planarity": mean_of(shapes.planarity, w),
         "planarity_spread": spread_of(shapes.planarity, w),
         "scattering": mean_of(shapes.scattering, w),
-        "compactness": mean_of(shapes.extent, w) / filled,
+        "compactness": mean_of(shapes.compactness, w),
         "uprightness": mean_of(np.abs(shapes.axis[:, 2]), w),
     }
     out = {f"{name}_{scale.name}": value for name, value in kinds.items()}

@@ -23,7 +23,7 @@ METRIC_EDGE = 0.1  # metres; cells of the copy for shapes at distances in metres
 MAX_CELLS = 2000  # of that copy over the size of the tree: larger things are no trees
 LEAF_EDGE = 0.016  # metres; cells of the copy for shapes of leaves and twigs
 MAX_LEAF_CELLS = 20_000  # the same of that copy
-LEAF_POINTS = 2_000_000  # of more points only that many, in whole cells, are put into it
+LEAF_CELLS = 500_000  # of more filled ones only those of lowest rank are kept
 QUANTA = 1 << 14  # steps of a coordinate in a cell's edge
 KEY = 1 << 20  # of a cell's place on one axis, so that all three make one number
 PLAN_STEPS = 1 << 16  # steps of a coordinate in the tree's size, for second moments ...
@@ -78,30 +78,38 @@ class Grid:
         return place[:, 0] * stride_x + place[:, 1] * stride_y + place[:, 2], stride_x, stride_y
 
 
+def rank_of(cell: Ints) -> NDArray[np.uint64]:
+    """Rank of each cell (m, 3), which looks random and is the same in every scan of a tree."""
+    from classify import _feature_kernels as kernels
+
+    return kernels.mix((cell[:, 0] * KEY + cell[:, 1]) * KEY + cell[:, 2])
+
+
 def make_grid(
-    xyz: Floats, low: Floats, high: Floats, edge: float, anchor: Floats, share: float = 1.0
+    xyz: Floats, low: Floats, high: Floats, edge: float, anchor: Floats, most: int | None = None
 ) -> Grid:
     """Put points between two corners into cells of which one begins at `anchor`.
 
-    With a `share` under 1 only that share of the cells is filled, those of lowest rank. The result does not
-    depend on the order of the points: sums are those of whole numbers.
+    Of more than `most` filled cells those of lowest rank are kept. The result does not depend on the order of
+    the points: sums are those of whole numbers.
     """
     from classify import _feature_kernels as kernels
 
     first = np.floor((low - anchor) / edge)
     shape = (np.floor((high - anchor) / edge) - first + 1.0).astype(np.int64)
     quantum, begin = edge / QUANTA, first * edge + anchor
-    most = np.uint64(min(int(share * 2.0**64), 2**64 - 1))
-    whole = first.astype(np.int64)
-    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum, whole, KEY, most)
+    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum)
     order = np.argsort(code)
     code, sums = code[order], sums[order]
     mean = sums[:, :3] / sums[:, 3:] * quantum + begin
     rest, k = np.divmod(code, shape[2])
     i, j = np.divmod(rest, shape[1])
-    cell = np.stack([i, j, k], axis=1) + whole
-    rank = kernels.mix((cell[:, 0] * KEY + cell[:, 1]) * KEY + cell[:, 2])
-    return Grid(mean, sums[:, 3].copy(), cell, edge, rank)
+    cell = np.stack([i, j, k], axis=1) + first.astype(np.int64)
+    count, rank = sums[:, 3].copy(), rank_of(cell)
+    if most is not None and len(rank) > most:
+        kept = np.sort(np.argpartition(rank, most)[:most])
+        mean, count, cell, rank = mean[kept], count[kept], cell[kept], rank[kept]
+    return Grid(mean, count, cell, edge, rank)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,8 +211,7 @@ def view_cloud(xyz: Floats) -> TreeView:
     high = np.minimum(xyz.max(axis=0), middle + FAR * size)
     grid = make_grid(xyz, low, high, size / FINE_CELLS, middle)
     metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS), middle)
-    leaf_share = min(LEAF_POINTS / len(xyz), 1.0)
-    leaf = make_grid(xyz, low, high, max(LEAF_EDGE, size / MAX_LEAF_CELLS), middle, leaf_share)
+    leaf = make_grid(xyz, low, high, max(LEAF_EDGE, size / MAX_LEAF_CELLS), middle, LEAF_CELLS)
     share = np.clip(grid.xyz[:, 2] / height, 0.0, 1.0) if height > 0.0 else np.zeros(len(grid.xyz))
     return TreeView(grid, metric, leaf, height, size, share)
 

@@ -43,8 +43,8 @@ SPECIES_SETTINGS = BoostSettings(n_rounds=1200, learning_rate=0.2, max_features=
 """How species are trained. Against the published settings, shorter stumps and a draw of features win two
 points of accuracy in no more time (``benchmarks/jointboost.py``)."""
 
-MOST_NAME = 200
-"""Most characters of a name."""
+MOST_NAME, MOST_NAME_BYTES = 200, 255
+"""Most characters of a name, and bytes in UTF-8: a tree's file holds no more."""
 
 MOST_TEXT = 2000
 """Most characters of a line of provenance."""
@@ -386,6 +386,8 @@ def _deal(
 def _check_names(key: str, names: Sequence[str]) -> None:
     for name in names:
         _check_text(key, name, MOST_NAME)
+        if len(name.encode()) > MOST_NAME_BYTES:
+            raise InputError(f"{key} must take at most {MOST_NAME_BYTES} bytes in UTF-8, got {name[:50]!r}")
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise InputError(f"{key} must differ from each other, but {twice!r} comes twice")

@@ -65,7 +65,8 @@ REPORT = {
     "origin": "foot of the trunk in the scan's coordinates, metres",
     "epsg": "EPSG code of those coordinates, or null",
     "recognised": "`species` (null: none of these), `probability` of the most probable one, `probabilities` "
-    "of all, `features` that spoke for it, `taken`: whether it was believed; null unless --species is auto",
+    "of all, `features` that spoke for it, `taken`: whether it was believed, `model`: which one was asked; "
+    "null unless --species is auto",
     "bytes": "size of NAME.lobes",
     "files": "what was written",
     "preview": "what drew the picture: `egl`, `osmesa`, `software`; null if nothing did",

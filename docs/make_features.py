@@ -28,7 +28,7 @@ are enough for the call.
 larger of its height and its width; a grid of 1/64 of the size keeps one point for each filled cell, the mean
 of its points, and these are what is counted. A second grid of 0.1 m is there for what is looked at in
 metres, and a third of 16 mm for leaves and twigs: shapes of 0.05 to 0.22 m around at most 8000 places, NaN
-where fewer than 20 have enough points (of more than 2 million points a share is taken). All lie along the
+where fewer than 20 have enough points (at most 500 000 of its cells are kept). All lie along the
 crown's long side and start at the mean of the points, so that they do not turn with the axes and do not
 follow the foot when it is found some centimetres elsewhere. They are the only
 neighbour structure, and all groups use them: a larger box is a run of cells, and the neighbourhood of a

@@ -105,19 +105,21 @@ def recognise(encoding: Encoding, model: SpeciesModel) -> dict[str, Any]:
     Returns
     -------
     dict
-        As :func:`say_species`, and ``taken``: the tree is none of those that the model does not know, and
-        its species is more than 1.5 times as probable as the next (thesis 3.5.1). Of fewer than 10 points
-        nothing is said: ``species`` and ``probability`` are None.
+        As :func:`say_species`, ``model`` (name and version), and ``taken``: the tree is none of those that
+        the model does not know, and its species is more than 1.5 times as probable as the next (thesis
+        3.5.1). Of fewer than 10 points nothing is said: ``species`` and ``probability`` are None.
     """
     from classify import describe_scan, is_confident
 
+    name = f"{model.name}, {model.version}"
     try:
         features = describe_scan(encoding.cloud.xyz, encoding.tree)
     except InputError:
-        return {"species": None, "probability": None, "probabilities": {}, "features": [], "taken": False}
+        nothing: dict[str, Any] = {"species": None, "probability": None, "probabilities": {}, "features": []}
+        return {**nothing, "taken": False, "model": name}
     said = say_species(model, features.array)
     sure = bool(is_confident([list(said["probabilities"].values())])[0])
-    return {**said, "taken": said["species"] is not None and sure}
+    return {**said, "taken": said["species"] is not None and sure, "model": name}
 
 
 def check_model(model: SpeciesModel) -> None:

@@ -110,7 +110,8 @@ def open_library(folder: str | os.PathLike[str] | None = None) -> Library:
 
 def unknown_kind(tree: ClusterTree) -> str:
     """What is said of a tree whose species :func:`find_kind` does not know."""
-    return f"there is no species {tree.species!r} in the library; its clusters stay hulls"
+    then = "; its clusters stay hulls" if tree.clusters else ""
+    return f"there is no species {tree.species!r} in the library{then}"
 
 
 def find_kind(

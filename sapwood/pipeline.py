@@ -26,10 +26,19 @@ if TYPE_CHECKING:
     from species import library as species_library
     from treegraph import ClusterTree
 
-__all__ = ["AUTO", "Clock", "Reconstruction", "known_species", "make_settings", "reconstruct"]
+__all__ = [
+    "AUTO",
+    "Clock",
+    "Reconstruction",
+    "asked_species",
+    "find_judge",
+    "known_species",
+    "make_settings",
+    "reconstruct",
+]
 
-AUTO = "auto"
-"""Instead of a species: the one that the tree is recognised as."""
+AUTO, NONE = "auto", "none"
+"""Instead of a species: the one that the tree is recognised as, and none at all."""
 
 DEFAULT_NAME = "tree"
 """Name of the outputs of points from memory."""
@@ -118,11 +127,12 @@ def reconstruct(
     species : str, optional
         A species of the library, by any of its names: gives the branches' allometry, and the leaves
         with which the tree is dressed when it is saved. "auto": the one that the tree is recognised as; of
-        a tree that is not recognised, and with None, the default allometry, and no leaves.
+        a tree that is not recognised, and with "none" or None, the default allometry, and no leaves.
     library : path, optional
         A folder of species of one's own, which is looked into first.
     model : path or SpeciesModel, optional
-        What recognises species, made by ``sapwood species train``; the one that comes along if left out.
+        What recognises species, made by ``sapwood species train``; the one that comes along if left out. It
+        is asked about the tree that the default settings make, as those of its training were.
     f_s : float, optional
         Factor by which the diameters are reduced where wood gives way to leaf clusters, 0 < f_s <= 1;
         1 makes no clusters (a leafless tree). The species' own, or what the scan shows, if left out.
@@ -156,12 +166,12 @@ def reconstruct(
     >>> tree = sapwood.reconstruct("samples/orange_wood.laz")  # doctest: +SKIP
     >>> tree.save("out")  # doctest: +SKIP
     """
-
+    species = asked_species(species)
     reading = {key: options.pop(key) for key in READ_OPTIONS if key in options}
     if name is not None and Path(name).name != name:
         raise InputError(f"name must be a file name without suffix and folder, got {name!r}.")
     known = known_species(species, library)  # a misspelt name is said before a long file is read
-    judge = find_model(model) if species == AUTO else None
+    judge = find_judge(species, model)
     settings = make_settings(settings, f_s=f_s, **options)
     clock = Clock(progress)
     cloud, source, sha256 = _read(scan, reading, clock)
@@ -170,7 +180,7 @@ def reconstruct(
     recognised = None
     if judge is not None:
         with clock.stage("classify"):
-            recognised = recognise(encoding, judge)
+            recognised = recognise(_by_default(encoding, cloud, settings), judge)
         encoding = _as_recognised(encoding, recognised, cloud, library, settings, clock)
     report = encoding.report
     with clock.stage("measure"):
@@ -185,7 +195,9 @@ def reconstruct(
         measures=asdict(measures),
         cylinders=move_cylinders(table, encoding.tree.origin),
         report=report,
-        notes=tuple(dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes, *_said(recognised)))),
+        notes=tuple(
+            dict.fromkeys((*cloud.notes, *encoding.cloud.notes, *report.notes, *_said(recognised, encoding)))
+        ),
         seconds=_merged(clock.seconds, report.seconds),
         settings={
             "species": encoding.tree.species,
@@ -206,6 +218,12 @@ def _encode(cloud: Cloud, kind: species_library.Definition | None, settings: Enc
     return recon.encode_with_report(cloud, species=name, allometry=allometry, settings=settings)
 
 
+def _by_default(encoding: Encoding, cloud: Cloud, settings: EncodeSettings) -> Encoding:
+    """The tree as the default settings make it, which is what a model learnt from."""
+    plain = type(settings)(prepare=settings.prepare)
+    return encoding if settings == plain else _encode(cloud, None, plain)
+
+
 def _as_recognised(
     encoding: Encoding,
     recognised: dict[str, Any],
@@ -217,6 +235,7 @@ def _as_recognised(
     """The tree with the parameters of its species, if that is taken for known and is in the library.
 
     A tree without clusters is found to be bare: it keeps its branches, whatever its species' share of wood.
+    One that has clusters keeps them if the species' parameters would leave none.
     """
     if not recognised["taken"]:
         return encoding
@@ -224,19 +243,23 @@ def _as_recognised(
         kind = known_species(recognised["species"], library)
     except InputError:  # a model of other species
         kind = None
+    name = recognised["species"] if kind is None else kind.name
+    named = replace(encoding, tree=replace(encoding.tree, species=name))
     if kind is None or not encoding.tree.clusters:
-        name = recognised["species"] if kind is None else kind.name
-        return replace(encoding, tree=replace(encoding.tree, species=name))
+        return named
     clock.seconds["first_pass"] = clock.seconds.pop("encode")
     with clock.stage("encode"):
-        return _encode(cloud, kind, settings)
+        again = _encode(cloud, kind, settings)
+    return again if again.tree.clusters else named
 
 
-def _said(recognised: dict[str, Any] | None) -> list[str]:
+def _said(recognised: dict[str, Any] | None, encoding: Encoding) -> list[str]:
     if recognised is None or not recognised["taken"]:
         return []
     name, share = recognised["species"], recognised["probability"]
-    return [f"taken for {name} by its shape (probability {share:.2f}); --species names another, or none"]
+    bare = "" if encoding.tree.clusters else " and bare"
+    shape = f"by its shape (probability {share:.2f})"
+    return [f"taken for {name}{bare} {shape}; --species names another, or none"]
 
 
 def make_settings(settings: EncodeSettings | None = None, **options: Any) -> EncodeSettings:
@@ -276,6 +299,33 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
+def asked_species(word: str | None) -> str | None:
+    """None for "none", and "auto", in capitals or not; any other name of a species as it is."""
+    if word is None or word.lower() == NONE:
+        return None
+    return AUTO if word.lower() == AUTO else word
+
+
+def find_judge(
+    species: str | None, model: str | os.PathLike[str] | SpeciesModel | None
+) -> SpeciesModel | None:
+    """The model that is asked for the species; None if the species is given.
+
+    Raises
+    ------
+    InputError, FormatError, OSError
+        As :func:`sapwood.classifying.find_model`; or if a model is given that is not asked.
+    """
+    if species == AUTO:
+        return find_model(model)
+    if model is not None:
+        raise InputError(
+            "a model recognises species, and with a species named, or none, it is not asked: "
+            "leave out --model or --species."
+        )
+    return None
+
+
 def known_species(
     species: str | None, library: str | os.PathLike[str] | None
 ) -> species_library.Definition | None:
@@ -285,7 +335,7 @@ def known_species(
     if species in (None, AUTO) and library is None:
         return None
     found = open_library(library)
-    return None if species is None or species == AUTO else found.find(species)
+    return None if species in (None, AUTO) else found.find(str(species))
 
 
 def _check_wood(source: str, table: NDArray[np.void]) -> None:

@@ -18,6 +18,7 @@ from sapwood.cylinders import format_cylinders
 from sapwood.outputs import Staging, check_free
 from sapwood.pipeline import Clock
 from sapwood.text import to_json
+from treegraph.errors import InputError
 
 if TYPE_CHECKING:
     from sapwood.dressing import Dressed
@@ -106,7 +107,7 @@ def save(
     check_free([Path(folder) / name for name in names], force=force)
     with Staging(folder, inside=staging) as stage:
         clock = Clock()
-        dressed = _dress(tree, clock, season, seed, library) if leaves else None
+        dressed, leaf_notes = _dress(tree, clock, season, seed, library) if leaves else (None, [])
         _write_tree(tree, stage.path, clock, dressed)
         renderer: str | None = None
         notices: list[str] = []
@@ -124,7 +125,7 @@ def save(
             leaf_area_m2=None if dressed is None else dressed.figures()["leaf_area_m2"],
             leaves=None if dressed is None else dressed.figures(),
             seconds={**tree.seconds, **clock.seconds},
-            more_notes=_leaf_notes(tree, dressed) if leaves else [],
+            more_notes=leaf_notes,
         )
         (stage.path / f"{tree.name}.json").write_text(to_json(report), encoding="utf-8")
         files = stage.publish(report["files"])
@@ -162,23 +163,26 @@ def _dress(
     season: str,
     seed: int,
     library: str | os.PathLike[str] | None,
-) -> Dressed | None:
-    """The tree with its species' leaves; None if it has no species or no clusters."""
-    from sapwood.dressing import dress, find_kind
+) -> tuple[Dressed | None, list[str]]:
+    """The tree with its species' leaves, and remarks on them; None if it has no species or none is known.
+
+    A species that the library cannot derive is an error only where somebody named it.
+    """
+    from sapwood.dressing import dress, find_kind, unknown_kind
 
     if tree.tree.species is None:
-        return None
+        return None, []
     with clock.stage("leaves"):
-        kind = find_kind(tree.tree, None, library)
-        return None if kind is None else dress(tree.tree, kind, season=season, seed=seed)
-
-
-def _leaf_notes(tree: Reconstruction, dressed: Dressed | None) -> list[str]:
-    from sapwood.dressing import unknown_kind
-
-    if dressed is None:
-        return [] if tree.tree.species is None else [unknown_kind(tree.tree)]
-    return [] if dressed.remark is None else [dressed.remark]
+        try:
+            kind = find_kind(tree.tree, None, library)
+        except InputError as error:
+            if tree.recognised is None:
+                raise
+            return None, [f"it gets no leaves: {error}"]
+        if kind is None:
+            return None, [unknown_kind(tree.tree)]
+        dressed = dress(tree.tree, kind, season=season, seed=seed)
+    return dressed, [] if dressed.remark is None else [dressed.remark]
 
 
 def _write_tree(tree: Reconstruction, folder: Path, clock: Clock, dressed: Dressed | None) -> None:

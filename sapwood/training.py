@@ -24,7 +24,6 @@ __all__ = ["Labelled", "check_enough", "find_labelled", "report_training", "repo
 LEAST = 2
 """Fewest scans of a species: one to train with while the other is held out."""
 
-MOST_NAME = 200
 LIBRARIES = ("numpy", "numba", "scipy")
 
 
@@ -74,10 +73,17 @@ def find_labelled(source: Path, skipped: list[Path] | None = None) -> list[Label
         found = _of_table(source)
     else:
         raise InputError(f"{source}: there is no such folder or table.")
+    from classify.model import MOST_NAME, MOST_NAME_BYTES
+
     for each in found:
         if len(each.species) > MOST_NAME or not each.species.isprintable():
             raise InputError(
                 f"{source}: the name of a species must be at most {MOST_NAME} printable characters, "
+                f"got {each.species[:50]!r}."
+            )
+        if len(each.species.encode()) > MOST_NAME_BYTES:
+            raise InputError(
+                f"{source}: the name of a species must take at most {MOST_NAME_BYTES} bytes in UTF-8, "
                 f"got {each.species[:50]!r}."
             )
     owner: dict[Hashable, str] = {}

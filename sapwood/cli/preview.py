@@ -103,7 +103,7 @@ def _load(
         raise InputError(f"{source}: --scan goes with a .lobes file; a scan is drawn beside its tree anyway.")
     from sapwood.pipeline import reconstruct
 
-    made = reconstruct(source, species=None if species == "none" else species, library=library)
+    made = reconstruct(source, species=species, library=library)
     for note in made.notes:
         terminal.note(f"{made.name}: {note}")
     return made.tree, (made.cloud.xyz, made.cloud.color)

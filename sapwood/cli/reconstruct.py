@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sapwood.batch import Job, Outcome
 
 STAGES = {"read": "reading", "encode": "finding the tree", "measure": "measuring", "write": "drawing"}
-NONE = "none"  # instead of a species
 FAILED_ALL, FAILED_OURS, FAILED_SOME = 2, 1, 3
 REPORT_IT = "this is a fault of Sapwood; please report it with what -v adds and with `sapwood doctor --json`"
 
@@ -68,9 +67,11 @@ def reconstruct(
     NAME.png            the scan beside the model
     NAME.json           its measures, and how it was made
     """
+    from sapwood.pipeline import asked_species
+
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     reading = {
-        "species": None if species.lower() == NONE else species,
+        "species": asked_species(species),
         "model": str(model) if model else None,
         "library": str(library) if library else None,
         "f_s": f_s,
@@ -180,12 +181,10 @@ def _find(terminal: Terminal, arguments: Sequence[str]) -> tuple[dict[str, Path]
 
 def _check_options(reading: dict[str, Any]) -> None:
     """Find a misspelt species, a bad model or a value out of range before any scan is read."""
-    from sapwood.classifying import find_model
-    from sapwood.pipeline import AUTO, READ_OPTIONS, known_species, make_settings
+    from sapwood.pipeline import READ_OPTIONS, find_judge, known_species, make_settings
 
     known_species(reading["species"], reading["library"])
-    if reading["species"] == AUTO:
-        find_model(reading["model"])
+    find_judge(reading["species"], reading["model"])
     skipped = ("species", "library", "model", *READ_OPTIONS)
     make_settings(**{key: value for key, value in reading.items() if key not in skipped})
 

@@ -94,8 +94,66 @@ def test_a_species_that_the_library_lacks_is_only_a_name(points, described):
 
 
 def test_the_species_that_is_named_is_taken_without_asking(points, model):
-    made = sapwood.reconstruct(points["leafy"], species="Beech", model=model)
+    made = sapwood.reconstruct(points["leafy"], species="Beech")
     assert made.tree.species == "Beech" and made.recognised is None
+    for species in ("Beech", "none", None):
+        with pytest.raises(InputError, match="a model recognises species, and with a species named, or none"):
+            sapwood.reconstruct(points["leafy"], species=species, model=model)
+
+
+def test_auto_and_none_are_words_in_capitals_or_not(points, model):
+    made = sapwood.reconstruct(points["bare"], species="Auto", model=model)
+    assert made.tree.species == "Pine"
+    assert sapwood.reconstruct(points["bare"], species="NONE").recognised is None
+
+
+def test_a_model_is_asked_about_the_tree_of_the_default_settings(points, model):
+    plain_answer = sapwood.reconstruct(points["leafy"], model=model).recognised
+    made = sapwood.reconstruct(points["leafy"], model=model, gamma=1.2, f_s=1.0)
+    assert made.recognised == plain_answer
+    assert not made.tree.clusters and made.settings["gamma"] == 1.2
+
+
+def test_a_leafy_tree_keeps_its_clusters_whatever_its_species(points, described, tmp_path):
+    """A species of one's own that has no leaves: f_s = 1."""
+    from species.library.catalog import BUILTIN
+
+    text = (BUILTIN / "pine.toml").read_text(encoding="utf-8")
+    assert "f_s = 0.9" in text
+    lines = ["f_s = 1.0" if line.startswith("f_s = ") else line for line in text.splitlines()]
+    (tmp_path / "pine.toml").write_text("\n".join(lines), encoding="utf-8")
+    model = taught(described, "Pine", "Oak")
+    assert not sapwood.reconstruct(points["leafy"], species="Pine", library=tmp_path).tree.clusters
+    made = sapwood.reconstruct(points["leafy"], library=tmp_path, model=model)
+    assert made.recognised["taken"] and made.tree.species == "Pine"
+    assert encode_lobes(replace(made.tree, species=None)) == encode_lobes(plain(points["leafy"]).tree)
+
+
+def test_a_recognised_species_that_cannot_be_derived_costs_only_the_leaves(points, described, tmp_path):
+    from species.library.catalog import BUILTIN
+
+    text = (BUILTIN / "pine.toml").read_text(encoding="utf-8").replace("axiom =", "axiom = [", 1)
+    (tmp_path / "pine.toml").write_text(text, encoding="utf-8")
+    model = taught(described, "Pine", "Oak")
+    made = sapwood.reconstruct(points["leafy"], library=tmp_path, model=model)
+    made.save(tmp_path / "out", preview=False, library=tmp_path)
+    report = json.loads((tmp_path / "out" / f"{made.name}.json").read_text())
+    said = [note for note in report["notes"] if note.startswith("it gets no leaves: ")]
+    assert len(said) == 1 and "pine.toml" in said[0]
+    named = sapwood.reconstruct(points["leafy"], library=tmp_path, species="Pine")
+    with pytest.raises(InputError, match="pine.toml"):
+        named.save(tmp_path / "named", preview=False, library=tmp_path)
+
+
+def test_a_bare_tree_is_said_to_be_bare(points, model):
+    notes = sapwood.reconstruct(points["bare"], model=model).notes
+    assert any(note.startswith("taken for Pine and bare by its shape") for note in notes)
+
+
+def test_names_are_no_longer_than_a_tree_file_holds(model):
+    assert replace(model, classes=("ä" * 127, "Pine")).classes[0] == "ä" * 127
+    with pytest.raises(InputError, match="classes must take at most 255 bytes in UTF-8"):
+        replace(model, classes=("ä" * 128, "Pine"))
 
 
 def test_too_few_points_are_not_recognised(points, model):
@@ -105,6 +163,7 @@ def test_too_few_points_are_not_recognised(points, model):
     few = replace(encoding, cloud=encoding.cloud.take(np.arange(5)))
     assert recognise(few, model) == {
         "species": None, "probability": None, "probabilities": {}, "features": [], "taken": False,
+        "model": "two kinds, 1",
     }  # fmt: skip
 
 
