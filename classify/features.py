@@ -98,9 +98,9 @@ def describe_scan(xyz: ArrayLike, tree: ClusterTree | TreeGraph | None = None) -
 
     Notes
     -----
-    O(n) time for the cells, O(m log m) for the m filled ones of 16 mm, of which 500 000 are kept. The order of the
-    points means nothing, to the last bit; turning the tree around the vertical changes the last digits, but
-    for cells whose points rounding moves across an edge.
+    O(n) time for the cells, O(m log m) for the m filled ones of 16 mm, of which 500 000 are kept. The order
+    of the points means nothing, to the last bit; turning the tree around the vertical changes the last
+    digits, but for cells whose points rounding moves across an edge.
     """
     from classify._thinned import view_cloud
 
