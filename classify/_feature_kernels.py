@@ -7,6 +7,7 @@ _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 N_MOMENTS = 10  # points, x, y, z, xx, xy, xz, yy, yz, zz
 SINGLE = 1e-7  # product of the distances to the other two eigenvalues, which have errors of 1e-8
+KEY = 1 << 20  # of a cell's place on one axis, so that all three make one number
 MAX_STEPS = 1000  # along a branch: a skeleton may be far larger than the tree is high
 N_SHAPE = 11  # points, linearity, planarity, scattering, size, long axis (3), short axis (3)
 
@@ -19,21 +20,49 @@ def _slot(code, mask):
 
 
 @_jit
-def voxel_sums(xyz, low, edge, shape, quantum):
+def mix(code):
+    """Sixty-four well-mixed bits of a number (SplitMix64)."""
+    x = np.uint64(code) + np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
+@_jit
+def cell_rank(i, j, k):
+    """A number of a cell that looks random."""
+    return mix((np.int64(i) * KEY + np.int64(j)) * KEY + np.int64(k))
+
+
+@_jit
+def ranks_of(cell):
+    """The rank of each cell (m, 3)."""
+    out = np.empty(cell.shape[0], np.uint64)
+    for i in range(cell.shape[0]):
+        out[i] = cell_rank(cell[i, 0], cell[i, 1], cell[i, 2])
+    return out
+
+
+@_jit
+def voxel_sums(xyz, low, edge, shape, quantum, first, most):
     """Points and sums of whole-number coordinates in each filled voxel, in no order.
 
     xyz (n, 3); voxel (i, j, k) of `shape` begins at low + edge (i, j, k) and has the code
     (i shape[1] + j) shape[2] + k; points outside are left out. Coordinates are counted in `quantum` from
-    `low`, so that sums do not depend on the order of the points. Returns code (m,), sums (m, 4): x, y, z,
-    points.
+    `low`, so that sums do not depend on the order of the points. Of more than `most` filled voxels those of
+    the lowest :func:`cell_rank` are kept; their places are counted from `first` (3,). Returns code (m,),
+    sums (m, 4): x, y, z, points.
+
+    Whenever twice as many are filled, the higher half is forgotten, and from then on no point of theirs is
+    looked at twice: a voxel of those kept in the end was never forgotten.
     """
     size = 1 << 12
     key = np.full(size, np.int64(-1))
     at = np.empty(size, np.int64)
     code = np.empty(size, np.int64)
     sums = np.zeros((size, 4), np.int64)
-    mask = np.uint64(size - 1)
-    used = 0
+    ranks = np.empty(size, np.uint64)
+    used, is_full, limit = 0, False, np.uint64(0)
     per_edge, per_quantum = 1.0 / edge, 1.0 / quantum
     for p in range(xyz.shape[0]):
         x, y, z = xyz[p, 0] - low[0], xyz[p, 1] - low[1], xyz[p, 2] - low[2]
@@ -41,40 +70,81 @@ def voxel_sums(xyz, low, edge, shape, quantum):
         if not (0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]):
             continue
         c = (np.int64(i) * shape[1] + np.int64(j)) * shape[2] + np.int64(k)
-        slot = _slot(c, mask)
-        while key[slot] != -1 and key[slot] != c:
-            slot = (slot + 1) & (size - 1)
+        r = cell_rank(np.int64(i) + first[0], np.int64(j) + first[1], np.int64(k) + first[2])
+        if is_full and r > limit:
+            continue
+        slot = _place(key, c)
         if key[slot] == -1:
-            if 2 * used >= size:  # twice as many places, and everything in again
-                size *= 2
-                mask = np.uint64(size - 1)
-                key = np.full(size, np.int64(-1))
-                at = np.empty(size, np.int64)
-                longer = np.zeros((size, 4), np.int64)
-                longer[:used] = sums[:used]
-                sums = longer
-                codes = np.empty(size, np.int64)
-                codes[:used] = code[:used]
-                code = codes
-                for u in range(used):
-                    slot = _slot(code[u], mask)
-                    while key[slot] != -1:
-                        slot = (slot + 1) & (size - 1)
-                    key[slot] = code[u]
-                    at[slot] = u
-                slot = _slot(c, mask)
-                while key[slot] != -1:
-                    slot = (slot + 1) & (size - 1)
+            if 2 * used >= key.size:
+                if used >= 2 * most:
+                    limit = np.partition(ranks[:used], most - 1)[most - 1]
+                    is_full = True
+                    used = _forget(code, sums, ranks, used, limit)
+                    if r > limit:
+                        key = _table(key.size, code, at, used)
+                        continue
+                else:
+                    size = 2 * key.size
+                    code, sums = _longer(code, size), _longer(sums, size)
+                    ranks, at = _longer(ranks, size), np.empty(size, np.int64)
+                    key = np.empty(size, np.int64)
+                key = _table(key.size, code, at, used)
+                slot = _place(key, c)
             key[slot] = c
             at[slot] = used
-            code[used] = c
+            code[used], ranks[used] = c, r
             used += 1
         row = at[slot]
         sums[row, 0] += np.int64(np.rint(x * per_quantum))
         sums[row, 1] += np.int64(np.rint(y * per_quantum))
         sums[row, 2] += np.int64(np.rint(z * per_quantum))
         sums[row, 3] += 1
+    if used > most:
+        limit = np.partition(ranks[:used], most - 1)[most - 1]
+        used = _forget(code, sums, ranks, used, limit)
     return code[:used].copy(), sums[:used].copy()
+
+
+@_jit
+def _place(key, code):
+    """Where a code is in a table of 2^k places, or would be."""
+    mask = np.uint64(key.size - 1)
+    slot = _slot(code, mask)
+    while key[slot] != -1 and key[slot] != code:
+        slot = (slot + 1) & (key.size - 1)
+    return slot
+
+
+@_jit
+def _table(size, code, at, used):
+    """A table of so many places with the first `used` codes in it; their rows go into `at`."""
+    key = np.full(size, np.int64(-1))
+    for u in range(used):
+        slot = _place(key, code[u])
+        key[slot] = code[u]
+        at[slot] = u
+    return key
+
+
+@_jit
+def _longer(array, size):
+    """A copy with room for more rows, zero."""
+    out = np.zeros((size,) + array.shape[1:], array.dtype)
+    out[: array.shape[0]] = array
+    return out
+
+
+@_jit
+def _forget(code, sums, ranks, used, limit):
+    """Move the rows whose rank is at most the limit to the front, clear the others; returns their number."""
+    n = 0
+    for u in range(used):
+        if ranks[u] <= limit:
+            code[n], ranks[n] = code[u], ranks[u]
+            sums[n] = sums[u]
+            n += 1
+    sums[n:used] = 0
+    return n
 
 
 @_jit
@@ -433,16 +503,4 @@ def hull_table(vertices, faces, first_vertex, first_face):
             low_along, high_along = min(low_along, along), max(high_along, along)
             low_across, high_across = min(low_across, across), max(high_across, across)
         row[4], row[5] = high_along - low_along, high_across - low_across
-    return out
-
-
-@_jit
-def mix(code):
-    """Well-mixed 64 bits for each number: a rank that looks random (SplitMix64)."""
-    out = np.empty(code.size, np.uint64)
-    for i in range(code.size):
-        x = np.uint64(code[i]) + np.uint64(0x9E3779B97F4A7C15)
-        x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        out[i] = x ^ (x >> np.uint64(31))
     return out

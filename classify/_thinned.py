@@ -23,9 +23,9 @@ METRIC_EDGE = 0.1  # metres; cells of the copy for shapes at distances in metres
 MAX_CELLS = 2000  # of that copy over the size of the tree: larger things are no trees
 LEAF_EDGE = 0.016  # metres; cells of the copy for shapes of leaves and twigs
 MAX_LEAF_CELLS = 20_000  # the same of that copy
-LEAF_CELLS = 500_000  # of more filled ones only those of lowest rank are kept
+LEAF_CELLS = 500_000  # of more filled ones only those of lowest rank are kept ...
+METRIC_CELLS = 1_000_000  # ... which no tree has of the larger kind
 QUANTA = 1 << 14  # steps of a coordinate in a cell's edge
-KEY = 1 << 20  # of a cell's place on one axis, so that all three make one number
 PLAN_STEPS = 1 << 16  # steps of a coordinate in the tree's size, for second moments ...
 LEAN_STEPS = 1 << 10  # ... and for third ones: 64-bit sums hold 10^8 points
 FAR = 2.0  # points farther from the middle than this, in sizes of the tree, are none of its
@@ -82,7 +82,7 @@ def rank_of(cell: Ints) -> NDArray[np.uint64]:
     """Rank of each cell (m, 3), which looks random and is the same in every scan of a tree."""
     from classify import _feature_kernels as kernels
 
-    return kernels.mix((cell[:, 0] * KEY + cell[:, 1]) * KEY + cell[:, 2])
+    return kernels.ranks_of(cell)
 
 
 def make_grid(
@@ -98,18 +98,15 @@ def make_grid(
     first = np.floor((low - anchor) / edge)
     shape = (np.floor((high - anchor) / edge) - first + 1.0).astype(np.int64)
     quantum, begin = edge / QUANTA, first * edge + anchor
-    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum)
+    most = len(xyz) if most is None else most
+    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum, first.astype(np.int64), most)
     order = np.argsort(code)
     code, sums = code[order], sums[order]
     mean = sums[:, :3] / sums[:, 3:] * quantum + begin
     rest, k = np.divmod(code, shape[2])
     i, j = np.divmod(rest, shape[1])
     cell = np.stack([i, j, k], axis=1) + first.astype(np.int64)
-    count, rank = sums[:, 3].copy(), rank_of(cell)
-    if most is not None and len(rank) > most:
-        kept = np.sort(np.argpartition(rank, most)[:most])
-        mean, count, cell, rank = mean[kept], count[kept], cell[kept], rank[kept]
-    return Grid(mean, count, cell, edge, rank)
+    return Grid(mean, sums[:, 3].copy(), cell, edge, rank_of(cell))
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +207,7 @@ def view_cloud(xyz: Floats) -> TreeView:
     low = np.maximum(xyz.min(axis=0), middle - FAR * size)
     high = np.minimum(xyz.max(axis=0), middle + FAR * size)
     grid = make_grid(xyz, low, high, size / FINE_CELLS, middle)
-    metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS), middle)
+    metric = make_grid(xyz, low, high, max(METRIC_EDGE, size / MAX_CELLS), middle, METRIC_CELLS)
     leaf = make_grid(xyz, low, high, max(LEAF_EDGE, size / MAX_LEAF_CELLS), middle, LEAF_CELLS)
     share = np.clip(grid.xyz[:, 2] / height, 0.0, 1.0) if height > 0.0 else np.zeros(len(grid.xyz))
     return TreeView(grid, metric, leaf, height, size, share)
@@ -219,7 +216,8 @@ def view_cloud(xyz: Floats) -> TreeView:
 def _size(xyz: Floats, middle: Floats, height: float) -> float:
     """Height or width, whichever is more, metres; so much that not all points are strays."""
     size = max(height, _width(xyz, middle), METRIC_EDGE)
-    off = np.abs(xyz - middle).max(axis=1)
+    x, y, z = (np.abs(xyz[:, k] - middle[k]) for k in range(3))
+    off = np.maximum(np.maximum(x, y), z)
     return size if float(off.min()) < 0.5 * FAR * size else max(size, float(off.max()))
 
 

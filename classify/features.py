@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["FEATURES", "Feature", "FeatureVector", "describe_scan", "feature_table"]
 
 MIN_POINTS = 10
+FARTHEST = 1e9  # metres; squares and cubes of more are no numbers
 
 FEATURES: tuple[Feature, ...] = (
     *_dimensions.FEATURES,
@@ -94,7 +95,8 @@ def describe_scan(xyz: ArrayLike, tree: ClusterTree | TreeGraph | None = None) -
     Raises
     ------
     InputError
-        If `xyz` has another shape, holds less than 10 points, or one that is not finite.
+        If `xyz` has another shape, holds less than 10 points, or one that is not finite or farther away
+        than 10^9 m.
 
     Notes
     -----
@@ -134,5 +136,10 @@ def _checked(xyz: ArrayLike) -> NDArray[np.float64]:
         raise InputError(
             f"xyz must be finite, got {points[bad[0]]} in row {bad[0]} ({bad.size} such rows); "
             "recon.prepare drops such points"
+        )
+    far = float(np.abs(points).max())
+    if far > FARTHEST:
+        raise InputError(
+            f"xyz must be within {FARTHEST:g} m of the foot of the trunk, got {far:g}; are the units metres?"
         )
     return points

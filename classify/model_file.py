@@ -76,7 +76,7 @@ def read_model(path: str | os.PathLike[str]) -> SpeciesModel:
     try:
         return decode_model(data)
     except FormatError as error:
-        raise FormatError(f"{Path(path).name}: {error}") from error
+        raise FormatError(f"{os.fspath(path)}: {error}") from error
 
 
 @cache

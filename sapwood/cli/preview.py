@@ -45,7 +45,9 @@ def preview(
     from render import DETAIL
     from sapwood.dressing import coarser
     from sapwood.outputs import check_free
-    from sapwood.trees import blame, keep_thickest
+    from sapwood.pipeline import AUTO, asked_species
+    from sapwood.trees import blame, is_lobes, keep_thickest
+    from treegraph.errors import InputError
 
     terminal = Terminal(as_json=as_json, quiet=quiet, verbose=verbose)
     check_free([output], force=force)
@@ -55,8 +57,17 @@ def preview(
     if size is not None:
         look["size"] = o.parse_size(size)
     with terminal.progress(None, f"{source}: drawing"), blame(source):
-        tree, points = _load(terminal, source, scan, species or ("none" if hulls else "auto"), library)
-        dressed = None if hulls else dress_for(terminal, tree, species, library, season, lod, seed)
+        asked = AUTO if species is None else asked_species(species)
+        tree, points = _load(terminal, source, scan, None if hulls and asked == AUTO else asked, library)
+        dressed = None
+        if asked is not None and not hulls:
+            try:
+                named = None if asked == AUTO else asked
+                dressed = dress_for(terminal, tree, named, library, season, lod, seed)
+            except InputError as error:
+                if asked != AUTO or is_lobes(source):
+                    raise
+                terminal.note(f"it gets no leaves: {error}")  # nobody asked for this species
         look["parts"] = None if dressed is None else dressed.parts()
         if dressed is None:
             tree, look["settings"] = keep_thickest(tree, lod), DETAIL[coarser("normal", lod)]
@@ -85,7 +96,7 @@ def _check_suffix(output: Path, turntable: bool) -> None:
 
 
 def _load(
-    terminal: Terminal, source: Path, scan: Path | None, species: str, library: Path | None
+    terminal: Terminal, source: Path, scan: Path | None, species: str | None, library: Path | None
 ) -> tuple[ClusterTree, Any]:
     """The tree, and the points that are drawn beside it: (xyz, color) in the tree's frame, or None."""
     from sapwood.trees import is_lobes, read_tree

@@ -194,12 +194,14 @@ def _prepare_leaves(terminal: Terminal, reading: dict[str, Any], saving: dict[st
     from sapwood.dressing import open_library
     from sapwood.pipeline import AUTO
 
-    if reading["species"] in (None, AUTO) or not saving.get("leaves", False):
+    species = reading["species"]
+    if species is None or (species != AUTO and not saving.get("leaves", False)):
         return
     library = open_library(reading["library"])
     for fault in library.faults:
         terminal.notice(f"left out: {fault}")
-    library.load(reading["species"])
+    if species != AUTO:
+        library.load(species)
 
 
 def _outcomes(terminal: Terminal, jobs: Sequence[Job], n_workers: int) -> Generator[Outcome, None, None]:

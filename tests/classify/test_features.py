@@ -244,6 +244,7 @@ def test_more_points_in_the_same_places_change_hardly_anything():
             np.full((10, 3), np.inf),
             r"xyz must be finite, got .* in row 0 \(10 such rows\); recon.prepare drops",
         ),
+        (np.full((10, 3), 1e160), r"xyz must be within 1e\+09 m of the foot of the trunk, got 1e\+160; are"),
     ],
 )
 def test_refusals(cloud, message):

@@ -82,6 +82,20 @@ def test_of_too_many_cells_those_of_lowest_rank_are_kept(most):
     npt.assert_array_equal(part.count, whole.count[keep])
 
 
+@pytest.mark.parametrize("most", [1, 700, 5000, 30_000])
+def test_cells_are_forgotten_and_kept_in_any_order_of_the_points(most):
+    cloud = np.repeat(small_cloud(6, 40_000), 2, axis=0)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    whole = make_grid(cloud, low, high, 0.03, ZERO)
+    assert len(whole.rank) > 30_000
+    keep = np.isin(whole.rank, np.sort(whole.rank)[:most])
+    for points in (cloud, cloud[::-1], np.random.default_rng(7).permutation(cloud)):
+        part = make_grid(points, low, high, 0.03, ZERO, most)
+        npt.assert_array_equal(part.cell, whole.cell[keep])
+        npt.assert_array_equal(part.xyz, whole.xyz[keep])
+        npt.assert_array_equal(part.count, whole.count[keep])
+
+
 def test_coarse_cells_are_runs_of_fine_ones_with_room_between():
     cloud = small_cloud(2)
     grid = make_grid(cloud, cloud.min(axis=0), cloud.max(axis=0), 0.25, ZERO)

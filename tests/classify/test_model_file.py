@@ -323,7 +323,9 @@ def test_no_file_costs_much_memory(tmp_path):
     huge = tmp_path / "huge.json"
     with open(huge, "wb") as file:
         file.truncate(10**12)  # a terabyte of nothing, of which 8 MB are read
-    with pytest.raises(FormatError, match="huge.json: a model must take at most 8000000 bytes, got more"):
+    with pytest.raises(
+        FormatError, match=f"^{re.escape(str(huge))}: a model must take at most 8000000 bytes, got more"
+    ):
         read_model(huge)
 
 

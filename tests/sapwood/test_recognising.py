@@ -85,6 +85,9 @@ def test_what_is_not_recognised_is_left_as_it_is(points, model, change):
     assert encode_lobes(made.tree) == encode_lobes(plain(points["leafy"]).tree)
     assert made.tree.species is None
     assert not [note for note in made.notes if "taken for" in note]
+    said = [note for note in made.notes if note.startswith("not recognised (most like ")]
+    assert len(said) == 1 and said[0].endswith("--species names it, or none")
+    assert not [note for note in plain(points["leafy"]).notes if "recognised" in note]
 
 
 def test_a_species_that_the_library_lacks_is_only_a_name(points, described):
@@ -130,10 +133,7 @@ def test_a_leafy_tree_keeps_its_clusters_whatever_its_species(points, described,
 
 
 def test_a_recognised_species_that_cannot_be_derived_costs_only_the_leaves(points, described, tmp_path):
-    from species.library.catalog import BUILTIN
-
-    text = (BUILTIN / "pine.toml").read_text(encoding="utf-8").replace("axiom =", "axiom = [", 1)
-    (tmp_path / "pine.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "pine.toml").write_text(broken_pine(), encoding="utf-8")
     model = taught(described, "Pine", "Oak")
     made = sapwood.reconstruct(points["leafy"], library=tmp_path, model=model)
     made.save(tmp_path / "out", preview=False, library=tmp_path)
@@ -143,6 +143,39 @@ def test_a_recognised_species_that_cannot_be_derived_costs_only_the_leaves(point
     named = sapwood.reconstruct(points["leafy"], library=tmp_path, species="Pine")
     with pytest.raises(InputError, match="pine.toml"):
         named.save(tmp_path / "named", preview=False, library=tmp_path)
+
+
+def broken_pine():
+    from species.library.catalog import BUILTIN
+
+    return (BUILTIN / "pine.toml").read_text(encoding="utf-8").replace("axiom =", "axiom = [", 1)
+
+
+def test_a_preview_of_a_recognised_species_that_cannot_be_derived_has_hulls(
+    monkeypatch, run, scans, described, tmp_path
+):
+    model = taught(described, "Pine", "Oak")
+    monkeypatch.setattr("sapwood.pipeline.find_model", lambda _: model)
+    (tmp_path / "kinds").mkdir()
+    (tmp_path / "kinds" / "pine.toml").write_text(broken_pine(), encoding="utf-8")
+    asked = ("sapwood", "preview", scans / "leafy.xyz", "-o", "a.png", "--library", "kinds", "--force")
+    for more in ((), ("--species", "auto")):
+        done = run(*asked, *more)
+        assert done.code == 0 and "it gets no leaves: " in done.err and (tmp_path / "a.png").exists()
+    named = run(*asked, "--species", "Pine")
+    assert named.code == 2 and "pine.toml" in named.err
+
+
+def test_a_preview_without_a_species_has_hulls(run, scans, tmp_path):
+    done = run("sapwood", "preview", scans / "leafy.xyz", "-o", "a.png", "--species", "NONE", "--json")
+    assert done.code == 0 and done.json["leaves"] is None
+
+
+def test_a_faulty_species_of_the_library_is_said_though_none_is_named(run, scans, tmp_path):
+    (tmp_path / "kinds").mkdir()
+    (tmp_path / "kinds" / "oak.toml").write_text("name = ", encoding="utf-8")
+    done = run("reconstruct", scans / "leafy.xyz", "-o", "a", "--no-preview", "--library", "kinds")
+    assert done.code == 0 and "left out: " in done.err and "oak.toml" in done.err
 
 
 def test_a_bare_tree_is_said_to_be_bare(points, model):
