@@ -49,28 +49,101 @@ def _enter(ax, ay, az, bx, by, bz, solids):
 
 
 @_jit
-def cut_hull(vertices, seats, solids, short):
-    """Move vertices that an obstacle hides from the nearest seat to just before it. In place.
+def move_hulls(
+    vertex,
+    first,
+    seats,
+    seats_first,
+    before,
+    position,
+    alive,
+    turn,
+    shift,
+    solids,
+    short,
+    out,
+    n_seats,
+    moved,
+):
+    """Carry hulls along with their living seats, and move what an obstacle hides from the nearest of these.
 
-    Ways to the obstacle are shortened by the share `short`. Returns how many vertices moved.
+    vertex (v, 3), hull c from first[c] on; seats: nodes, those of hull c from seats_first[c] on; before and
+    position (n, 3) of all nodes; the scene's frame is x -> turn x + shift. Ways to an obstacle are shortened
+    by the share `short`. Writes out (v, 3), n_seats (c,), the living ones, without any of which a hull stays
+    as it is, and moved (c,): whether an obstacle took something of it.
     """
-    moved = 0
-    for v in range(vertices.shape[0]):
-        least = np.inf
-        at = 0
-        for k in range(seats.shape[0]):
-            d2 = 0.0
+    any_solid = solids.planes.shape[0] + solids.balls.shape[0] + solids.boxes.shape[0] > 0
+    for c in range(first.size - 1):
+        count = 0
+        offset = np.zeros(3)
+        for s in range(seats_first[c], seats_first[c + 1]):
+            node = seats[s]
+            if alive[node]:
+                count += 1
+                for axis in range(3):
+                    offset[axis] += position[node, axis] - before[node, axis]
+        n_seats[c] = count
+        moved[c] = False
+        if count:
+            offset /= count
+        for v in range(first[c], first[c + 1]):
             for axis in range(3):
-                d2 += (vertices[v, axis] - seats[k, axis]) ** 2
-            if d2 < least:
-                least = d2
-                at = k
-        ax, ay, az = seats[at, 0], seats[at, 1], seats[at, 2]
-        share = _enter(ax, ay, az, vertices[v, 0], vertices[v, 1], vertices[v, 2], solids)
-        if share <= 1.0:
-            share *= 1.0 - short
-            vertices[v, 0] = ax + share * (vertices[v, 0] - ax)
-            vertices[v, 1] = ay + share * (vertices[v, 1] - ay)
-            vertices[v, 2] = az + share * (vertices[v, 2] - az)
-            moved += 1
-    return moved
+                out[v, axis] = vertex[v, axis] + offset[axis]
+        if count == 0 or not any_solid:
+            continue
+        living = np.empty((count, 3))
+        k = 0
+        for s in range(seats_first[c], seats_first[c + 1]):
+            if alive[seats[s]]:
+                living[k] = position[seats[s]]
+                k += 1
+        for v in range(first[c], first[c + 1]):
+            at = _nearest(living, out[v])
+            ax, ay, az = _placed(living[at], turn, shift)
+            bx, by, bz = _placed(out[v], turn, shift)
+            share = _enter(ax, ay, az, bx, by, bz, solids)
+            if share <= 1.0:
+                share *= 1.0 - short
+                for axis in range(3):
+                    out[v, axis] = living[at, axis] + share * (out[v, axis] - living[at, axis])
+                moved[c] = True
+
+
+@_jit
+def _nearest(points, place):
+    """Row of the point that is nearest to a place; the first of several."""
+    least, at = np.inf, 0
+    for k in range(points.shape[0]):
+        d2 = 0.0
+        for axis in range(3):
+            d2 += (place[axis] - points[k, axis]) ** 2
+        if d2 < least:
+            least, at = d2, k
+    return at
+
+
+@_jit
+def _placed(place, turn, shift):
+    """Where a place of the tree is in the scene."""
+    x, y, z = place
+    return (
+        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + shift[0],
+        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift[1],
+        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2],
+    )
+
+
+@_jit
+def hull_volume(vertex, face):
+    """Volume inside a closed surface, m3."""
+    middle = np.zeros(3)
+    for v in range(vertex.shape[0]):
+        middle += vertex[v]
+    middle /= max(vertex.shape[0], 1)
+    total = 0.0
+    for f in range(face.shape[0]):
+        a, b, c = vertex[face[f, 0]] - middle, vertex[face[f, 1]] - middle, vertex[face[f, 2]] - middle
+        total += a[0] * (b[1] * c[2] - b[2] * c[1])
+        total += a[1] * (b[2] * c[0] - b[0] * c[2])
+        total += a[2] * (b[0] * c[1] - b[1] * c[0])
+    return total / 6.0

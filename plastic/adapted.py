@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from treegraph import Cluster, ClusterTree, TriangleMesh
+from treegraph import ClusterTree, TriangleMesh
 
 if TYPE_CHECKING:
     from plastic.analysis import PlasticState
@@ -165,17 +165,14 @@ class Adapted:
         if not self.touched and (density == 1.0).all() and not self._is_cut:
             return before
         graph = before.graph.replace(position=self.position)
-        place = np.cumsum(self.alive) - 1
+        place = (np.cumsum(self.alive) - 1).astype(np.int32)
         clusters = []
         for k, cluster in enumerate(before.clusters):
             vertices = self._hulls[k]
             if vertices is None:
                 continue
             seed = cluster.seed[self.alive[cluster.seed]]
-            factor = float(density[k])
-            clusters.append(
-                Cluster(vertices, cluster.faces, place[seed], cluster.density * factor, cluster.n_points)
-            )
+            clusters.append(cluster.moved(vertices, place[seed], cluster.density * float(density[k])))
         if not self.alive.all():
             graph = prune(graph, self.alive)
         return before.replace(graph=graph, clusters=tuple(clusters))
@@ -185,25 +182,15 @@ class Adapted:
         """Which of the input tree's clusters the clusters of :attr:`tree` are."""
         return np.array([k for k, hull in enumerate(self._hulls) if hull is not None], np.int64)
 
-    @cached_property
-    def _seats(self) -> list[NDArray[np.int32]]:
-        """Nodes of each present cluster."""
-        crown = self.state.crown
-        first = crown.seat_first
-        return [crown.seat[first[s] : first[s + 1]] for s in range(crown.first[-2], crown.first[-1])]
-
-    @cached_property
+    @property
     def _n_seats(self) -> NDArray[np.int64]:
         """Living nodes of each present cluster."""
-        return np.array([int(self.alive[seats].sum()) for seats in self._seats], np.int64)
+        return self._moved[1]
 
     @property
     def _is_cut(self) -> bool:
-        """Whether an obstacle took something of a hull."""
-        return any(
-            hull is None or (hull is not cluster.vertices and not np.array_equal(hull, cluster.vertices))
-            for hull, cluster in zip(self._hulls, self.state.tree.clusters, strict=True)
-        )
+        """Whether an obstacle took something of a hull, or a hull is gone."""
+        return bool(self._moved[2].any()) or not self._n_seats.all()
 
     @cached_property
     def _solids(self) -> tuple[Any, list[TriangleMesh]]:
@@ -213,50 +200,47 @@ class Adapted:
         return pack_solids(self.scene.obstacles)
 
     @cached_property
-    def _hulls(self) -> list[NDArray[np.float64] | None]:
-        """Vertices of each of the tree's clusters; None for those that are gone."""
-        if not self.state.has_leaves:
-            return []
-        before = self.state.tree
-        out: list[NDArray[np.float64] | None] = []
-        for cluster, seats, count in zip(before.clusters, self._seats, self._n_seats, strict=True):
-            if not count:
-                out.append(None)
-                continue
-            living = seats[self.alive[seats]]
-            offset = (self.position[living] - before.graph.position[living]).mean(axis=0)
-            vertices = cluster.vertices + offset if offset.any() else cluster.vertices
-            out.append(self._cut(vertices, cluster.faces, self.position[living]))
-        return out
-
-    def _cut(
-        self, vertices: NDArray[np.float64], faces: NDArray[np.int32], seats: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
-        """A hull as obstacles leave it; None if that is next to nothing."""
+    def _moved(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Vertices of all hulls, each one's living nodes, and whether an obstacle took something of it."""
         from plastic import _cut_kernels as cuts
         from plastic.stand import turn_matrix
 
-        if not self.scene.obstacles or not len(vertices):
-            return vertices
-        solids, meshes = self._solids
+        packed, (solids, meshes) = self.state._hulls, self._solids
         turn, shift = np.eye(3), np.zeros(3)
         if self.placed is not None:
             turn, shift = turn_matrix(self.placed.turn), self.placed.position
-        hull, nodes = vertices @ turn.T + shift, seats @ turn.T + shift
-        moved = cuts.cut_hull(hull, nodes, solids, SHORT)
-        for mesh in meshes:
-            moved += _cut_at_mesh(mesh, hull, nodes)
-        if not moved:
-            return vertices
-        cut = (hull - shift) @ turn
-        whole = hull_volume(vertices, faces)
-        return cut if whole <= 0.0 or hull_volume(cut, faces) > LEAST_VOLUME * whole else None
+        n = len(packed.first) - 1
+        vertex, n_seats, is_cut = np.empty_like(packed.vertex), np.empty(n, np.int64), np.empty(n, np.bool_)
+        before = self.state.tree.graph.position
+        cuts.move_hulls(
+            packed.vertex, packed.first, packed.seat, packed.seat_first, before, self.position, self.alive,
+            turn, np.asarray(shift, np.float64), solids, SHORT, vertex, n_seats, is_cut,
+        )  # fmt: skip
+        for k in np.flatnonzero(n_seats) if meshes else ():
+            seats = packed.seat[packed.seat_first[k] : packed.seat_first[k + 1]]
+            nodes = self.position[seats[self.alive[seats]]] @ turn.T + shift
+            own = slice(packed.first[k], packed.first[k + 1])
+            hull = vertex[own] @ turn.T + shift
+            if sum([_cut_at_mesh(mesh, hull, nodes) for mesh in meshes]):
+                vertex[own], is_cut[k] = (hull - shift) @ turn, True
+        return vertex, n_seats, is_cut
 
+    @cached_property
+    def _hulls(self) -> list[NDArray[np.float64] | None]:
+        """Vertices of each of the tree's clusters; None for those that are gone, or next to it."""
+        from plastic import _cut_kernels as cuts
 
-def hull_volume(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
-    """Volume inside a closed surface, m3."""
-    corner = (vertices - vertices.mean(axis=0))[faces]
-    return float(np.einsum("fi,fi->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
+        vertex, n_seats, is_cut = self._moved
+        first = self.state._hulls.first
+        out: list[NDArray[np.float64] | None] = []
+        for k, cluster in enumerate(self.state.tree.clusters if self.state.has_leaves else ()):
+            hull = vertex[first[k] : first[k + 1]] if n_seats[k] else None
+            if hull is not None and is_cut[k]:
+                whole = cuts.hull_volume(cluster.vertices, cluster.faces)
+                left = cuts.hull_volume(hull, cluster.faces)
+                hull = None if whole > 0.0 and left <= LEAST_VOLUME * whole else hull
+            out.append(hull)
+        return out
 
 
 def _cut_at_mesh(mesh: TriangleMesh, hull: NDArray[np.float64], nodes: NDArray[np.float64]) -> int:

@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +103,18 @@ class AnalysisSettings:
         return Tropisms(self.phototropism, self.gravitropism)
 
 
+class PackedHulls(NamedTuple):
+    """Hulls of k clusters, one after the other, for the kernels.
+
+    vertex (v, 3); those of hull c begin at first[c]; its seats, nodes of the tree, at seat[seat_first[c]].
+    """
+
+    vertex: NDArray[np.float64]
+    first: NDArray[np.int64]
+    seat: NDArray[np.int32]
+    seat_first: NDArray[np.int64]
+
+
 @dataclass(frozen=True, eq=False)
 class PlasticState:
     """A tree that can be put elsewhere; made by :func:`analyse`.
@@ -153,6 +165,23 @@ class PlasticState:
         return (
             f"<PlasticState {self.tree.graph.n_nodes} nodes, {self.seasons.count} seasons, "
             f"{sites} {kind}clusters in all of them>"
+        )
+
+    @cached_property
+    def _hulls(self) -> PackedHulls:
+        """Its own clusters in one piece."""
+        clusters = self.tree.clusters if self.has_leaves else ()
+        sizes = [len(cluster.vertices) for cluster in clusters]
+        vertex = [np.empty((0, 3)), *(cluster.vertices for cluster in clusters)]
+        crown = self.crown
+        seat_first = (
+            crown.seat_first[crown.first[-2] : crown.first[-1] + 1] if clusters else np.zeros(1, np.int32)
+        )
+        return PackedHulls(
+            np.concatenate(vertex),
+            np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+            crown.seat,
+            seat_first.astype(np.int64),
         )
 
     def adapt(self, scene: Scene) -> Adapted:

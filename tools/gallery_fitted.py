@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 PANEL = (210, 330)  # pixels
-BRANCHES, EVALUATIONS, SEED = 200, 1500, 3
+BRANCHES, EVALUATIONS, SEED = 400, 3000, 3
+PLACES = 1000  # of the leaf clusters that branches are drawn to
 BROTHERS = 4  # the fitted tree and three brothers
 AZIMUTH, SIDE = 0.3, -np.pi / 2  # radians; the wall is seen from its end
-WALL, WALL_HEIGHT = 0.4, 0.9  # how far a wall stands from the stem, in widths of the crown; of the height
+WALL = 0.5  # how far a wall stands from the stem, in widths of the crown
+WALL_WIDTH, WALL_HEIGHT = 0.8, 0.9  # in heights of the tree
 SCANNED = {"stations": 4, "distance": 12.0, "step_deg": 0.1, "noise": 0.002}
 
 
@@ -71,7 +73,7 @@ def fit_input(tree: Any) -> Any:
     """Growth parameters for a tree: branches are drawn into its leaves first, and the thinnest left out."""
     from inverse import EvolutionSettings, fill_crown, fit_trees, thin_out
 
-    target = thin_out(fill_crown(tree), BRANCHES)
+    target = thin_out(fill_crown(tree, places=PLACES), BRANCHES)
     return fit_trees([target], settings=EvolutionSettings(EVALUATIONS), seed=SEED)
 
 
@@ -90,7 +92,7 @@ def draw_fitted(known: Input, path: Path) -> tuple[Any, dict[str, Any]]:
     groups = [grow_group(Request(preset, seed), **how) for seed in range(BROTHERS)]
     width = float(np.median([np.ptp(group.trees[0].tree.position[:, 0]) for group in groups]))
     height = float(np.median([group.trees[0].height for group in groups]))
-    wall = make_wall((WALL * width, 0, 0), (-1, 0, 0), width=1.2 * height, height=WALL_HEIGHT * height)
+    wall = make_wall((WALL * width, 0, 0), (-1, 0, 0), width=WALL_WIDTH * height, height=WALL_HEIGHT * height)
     groups.append(grow_group(Request(preset, 0, (wall,)), **how))
     cloud = np.concatenate([group.trees[0].tree.position for group in groups])
     frame = Group([trees for group in groups for trees in group.trees])

@@ -296,7 +296,7 @@ def _as_index(name: str, array: ArrayLike) -> NDArray[np.int32]:
     if array.dtype.kind not in "iu" and array.size:
         raise TreeError(f"{name} must hold integers, got dtype {array.dtype}")
     limit = np.iinfo(np.int32)
-    if array.size and (array.min() < limit.min or array.max() > limit.max):
+    if array.size and array.dtype != np.int32 and (array.min() < limit.min or array.max() > limit.max):
         raise TreeError(f"{name} must fit 32-bit integers, got values from {array.min()} to {array.max()}")
     return np.array(array, dtype=np.int32, order="C")
 

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from plastic import BY_LIGHT, BY_OBSTACLE, AnalysisSettings, Scene, analyse, light_density
+from plastic import BY_LIGHT, BY_OBSTACLE, AnalysisSettings, Neighbour, Scene, analyse, light_density
 from tests.corpus import TREES
 from tests.plastic.plastic_trees import (
     WALL,
@@ -482,6 +482,78 @@ def test_a_cluster_without_nodes_is_gone():
         old = state.tree.clusters[k].seed
         assert cluster.seed.tolist() == place[old[adapted.alive[old]]].tolist()
     assert (adapted.density[np.setdiff1d(np.arange(len(state.tree.clusters)), kept)] == 0.0).all()
+
+
+def is_inside(thing, places):
+    """Whether places (..., 3) are in a solid."""
+    if isinstance(thing, HalfSpace):
+        return (places - thing.point) @ thing.normal < 0.0
+    if isinstance(thing, Ball):
+        return np.linalg.norm(places - thing.center, axis=-1) < thing.radius
+    return (np.abs((places - thing.center) @ np.asarray(thing.rotation)) < 0.5 * thing.size).all(axis=-1)
+
+
+def volume_of(vertices, faces):
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return (a * np.cross(b, c)).sum() / 6.0
+
+
+def check_hulls(adapted, to_scene, n_steps=4000):
+    """Each hull beside one that is carried along and cut by small steps from the nearest seat to each vertex."""
+    state, crown, first = adapted.state, adapted.state.crown, adapted.state.crown.seat_first
+    kept = adapted.kept_clusters.tolist()
+    n_cut = n_whole = n_gone = 0
+    steps = np.linspace(0.0, 1.0, n_steps)[:, None]
+    for k, s in enumerate(range(crown.first[-2], crown.first[-1])):
+        old = state.tree.clusters[k]
+        seats = crown.seat[first[s] : first[s + 1]]
+        seats = seats[adapted.alive[seats]]
+        if not seats.size:
+            assert k not in kept
+            continue
+        wanted = old.vertices + (adapted.position[seats] - state.tree.graph.position[seats]).mean(axis=0)
+        whole = volume_of(wanted, old.faces)
+        for v, end in enumerate(wanted):
+            start = min(adapted.position[seats], key=lambda p, end=end: ((p - end) ** 2).sum())
+            way = to_scene(start + steps * (end - start))
+            hit = np.any([is_inside(thing, way) for thing in adapted.scene.obstacles], axis=0)
+            if hit.any():
+                wanted[v] = start + steps[hit.argmax()] * (end - start)
+        if k not in kept:
+            assert volume_of(wanted, old.faces) < 0.03 * whole
+            n_gone += 1
+            continue
+        got = adapted.tree.clusters[kept.index(k)].vertices
+        reach = np.linalg.norm(old.vertices - old.vertices.mean(axis=0), axis=1).max()
+        npt.assert_allclose(got, wanted, rtol=0, atol=(2.0 / n_steps + 1.1e-3) * 3.0 * reach)
+        n_cut += (wanted != old.vertices).any()
+        n_whole += 1
+    return n_cut, n_whole, n_gone
+
+
+HIDING = {
+    "fence": (FENCE,),
+    "half-space": (HalfSpace((1.3, 0, 0), (-1, 0, 0.2)),),
+    "ball": (Ball((1.6, 0.4, 4.0), 1.2),),
+    "box and ball": (Box((-1.5, 0.3, 3.5), (1.0, 4.0, 3.0)), Ball((1.6, 0.4, 4.0), 1.0)),
+}
+
+
+@pytest.mark.parametrize("name", HIDING)
+def test_hulls_are_cut_as_by_small_steps(name):
+    adapted = grown_state(12).adapt(Scene(HIDING[name], pruning=0.3))
+    n_cut, n_whole, _ = check_hulls(adapted, lambda places: places)
+    assert n_cut >= 3 and n_whole >= 5
+
+
+def test_hulls_of_a_turned_neighbour_are_cut_as_by_small_steps():
+    state, turn, place = grown_state(12), 0.8, np.array([2.5, 1.0, 0.2])
+    scene = Scene((FENCE,), neighbours=(Neighbour(state, place, turn),), pruning=0.3)
+    (other,) = state.adapt(scene).neighbours
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    n_cut, n_whole, _ = check_hulls(other, lambda places: places @ rotation.T + place)
+    assert n_cut >= 3 and n_whole >= 5
 
 
 # ---------------------------------------------------------------- chance

@@ -90,6 +90,31 @@ class TestCluster:
         with pytest.raises(TreeError, match=match):
             cluster(**changes)
 
+    def test_moved_keeps_its_faces_and_is_checked(self):
+        old = cluster()
+        new = old.moved(CORNERS + 1.0, np.array([0, 3]), np.nan)
+        npt.assert_array_equal(new.vertices, CORNERS + 1.0)
+        assert new.seed.tolist() == [0, 3] and new.seed.dtype == np.int32 and np.isnan(new.density)
+        assert new.faces is old.faces and new.n_points == old.n_points
+        assert not new.vertices.flags.writeable and not new.seed.flags.writeable
+        assert old.density == 90.0 and old.seed.tolist() != [0, 3]
+        npt.assert_array_equal(old.vertices, CORNERS)
+
+    @pytest.mark.parametrize(
+        "changes, match",
+        [
+            ({"vertices": CORNERS[:3]}, r"vertices must have shape \(4, 3\), got \(3, 3\)"),
+            ({"vertices": np.full((4, 3), np.inf)}, "vertices must be finite"),
+            ({"seed": [[0]]}, r"seed must have shape \(s,\), got \(1, 1\)"),
+            ({"seed": [0.5]}, "seed must hold integers"),
+            ({"density": -1.0}, "density must be >= 0"),
+            ({"density": np.inf}, "density must be >= 0"),
+        ],
+    )
+    def test_moved_names_what_is_wrong(self, changes, match):
+        with pytest.raises(TreeError, match=match):
+            cluster().moved(**{"vertices": CORNERS, "seed": [0], "density": 1.0, **changes})
+
     def test_repr(self):
         assert repr(cluster()) == "<Cluster 4 vertices, 4 faces, 1 seed>"
         assert repr(cluster(seed=[0, 1])) == "<Cluster 4 vertices, 4 faces, 2 seeds>"
