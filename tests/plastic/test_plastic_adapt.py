@@ -499,7 +499,7 @@ def volume_of(vertices, faces):
 
 
 def check_hulls(adapted, to_scene, n_steps=4000):
-    """Each hull beside one that is carried along and cut by small steps from the nearest seat to each vertex."""
+    """Each hull beside one that is carried along, and cut by small steps from the nearest seat."""
     state, crown, first = adapted.state, adapted.state.crown, adapted.state.crown.seat_first
     kept = adapted.kept_clusters.tolist()
     n_cut = n_whole = n_gone = 0
