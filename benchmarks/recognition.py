@@ -47,7 +47,6 @@ PUBLISHED = {
     "Willow": (6, 12, 92.8),
 }
 HEIGHT = ("height",)
-OTHER_RATIO = 5.0  # of h1 and h2, beside the published 1.5
 N_SPLITS = 100
 N_FOLDS = 2  # in which the scans of a training are held out to calibrate it
 STREET, ALONG, ACROSS = 10, 8.0, 30.0  # trees of a street, and metres between trees and between streets
@@ -78,21 +77,22 @@ def _train(x: np.ndarray, species: np.ndarray, trees: np.ndarray, features: np.n
 
     rng = np.random.default_rng(seed)
     names = [str(name) for name in features]
-    return train_model(x, [str(s) for s in species], names, rng=rng, trees=list(trees), n_folds=N_FOLDS).model
+    return train_model(x, [str(s) for s in species], names, rng=rng, trees=list(trees), n_folds=N_FOLDS)
 
 
 def split(found: VirtualSet, columns: tuple[str, ...] | None, seed: int) -> Row:
     """One of the published experiments: the confusion (12, 12), and shares right without and with a vote."""
-    from classify import vote_species
+    from classify import reliable_ratio, vote_species
 
     rng = np.random.default_rng([seed, 39])
     is_train = np.zeros(len(found), bool)
     for name, (n_train, _, _) in PUBLISHED.items():
         is_train[rng.permutation(np.flatnonzero(found.species == name))[:n_train]] = True
     used = _columns(found, columns)
-    model = _train(
+    training = _train(
         found.x[is_train][:, used], found.species[is_train], found.tree[is_train], found.features[used], seed
     )
+    model = training.model
     probability = model.probabilities(found.x[~is_train][:, used])
     order = list(PUBLISHED)
     probability = probability[:, [model.classes.index(name) for name in order]]
@@ -100,13 +100,14 @@ def split(found: VirtualSet, columns: tuple[str, ...] | None, seed: int) -> Row:
     said = probability.argmax(axis=1)
     confusion = np.zeros((len(order),) * 2)
     np.add.at(confusion, (true, said), 1.0)
-    row: Row = {"confusion": confusion, "right": float((said == true).mean())}
+    ratio = reliable_ratio(training.probability, training.label)
+    row: Row = {"confusion": confusion, "right": float((said == true).mean()), "ratio learnt": ratio}
     for layout, place in {"streets": streets(true, rng), "mixed": mixed(len(true), rng)}.items():
         for score in ("own", "neighbours"):
             vote = vote_species(place, probability, score=score)  # type: ignore[arg-type]
             row[f"{layout}, {score}"] = float((vote.label == true).mean())
-        vote = vote_species(place, probability, ratio=OTHER_RATIO)
-        row[f"{layout}, h1 > {OTHER_RATIO:g} h2"] = float((vote.label == true).mean())
+        vote = vote_species(place, probability, ratio=ratio)
+        row[f"{layout}, ratio learnt"] = float((vote.label == true).mean())
     return row
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
     from classify.model_file import decode_model, encode_model, read_model, shipped_model, write_model
     from classify.stumps import Stumps
-    from classify.vote import Vote, is_confident, vote_species
+    from classify.vote import Vote, is_confident, reliable_ratio, vote_species
 
 _LAZY = {
     "BoostSettings": "boosting",
@@ -64,6 +64,7 @@ _LAZY = {
     "reliability": "calibration",
     "to_probabilities": "calibration",
     "train_model": "model",
+    "reliable_ratio": "vote",
     "vote_species": "vote",
     "write_model": "model_file",
 }
@@ -99,6 +100,7 @@ __all__ = [
     "reliability",
     "to_probabilities",
     "train_model",
+    "reliable_ratio",
     "vote_species",
     "write_model",
 ]

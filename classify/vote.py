@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from treegraph.errors import InputError
 
-__all__ = ["Vote", "is_confident", "vote_species"]
+__all__ = ["Vote", "is_confident", "reliable_ratio", "vote_species"]
 
 CONFIDENT = 1.5  # h1 > 1.5 h2 is a confident classification (thesis 3.5.1)
+RELIABLE = 0.99  # share of the confident answers that are right, if the ratio is learnt
+MOST_RATIO = 1000.0  # that is learnt
 REACH = 25.0  # metres in which neighbours are asked (thesis 3.5.1)
 MAX_PAIRS = 4_000_000  # pairs of trees in work at a time: about 40 bytes each
 SCORES = ("own", "neighbours")
@@ -82,6 +84,54 @@ def is_confident(probability: ArrayLike, ratio: float = CONFIDENT) -> NDArray[np
     [False, True]
     """
     return _reliability(*_checked(probability, ratio)[:2], ratio)[1]
+
+
+def reliable_ratio(probability: ArrayLike, label: ArrayLike, share: float = RELIABLE) -> float:
+    """The ratio h1 / h2 beyond which answers are right: for :func:`vote_species`, from scans held out.
+
+    With calibrated probabilities most wrong answers have h1 > 1.5 h2, and are never put to the vote. This is
+    the least ratio from 1.5 on for which a share of the confident answers is right.
+
+    Parameters
+    ----------
+    probability : (n, c) array_like of float
+        What a model said of scans that it had not been trained with (:attr:`Training.probability`).
+    label : (n,) array_like of int
+        The true columns.
+    share : float, default 0.99
+        Of the confident answers that are to be right, 0 to 1.
+
+    Returns
+    -------
+    float
+        From 1.5 to 1000; 1000 also if no ratio is enough.
+
+    Raises
+    ------
+    InputError
+        If a shape, a probability or a share is out of its range.
+
+    Examples
+    --------
+    >>> reliable_ratio([[0.9, 0.1], [0.8, 0.2], [0.3, 0.7], [0.1, 0.9]], [0, 0, 0, 1])  # the third is wrong
+    2.3333333333333335
+    """
+    weight, speaks = _checked(probability, CONFIDENT)
+    true = np.asarray(label)
+    if true.shape != (len(weight),) or true.dtype.kind not in "iu":
+        raise InputError(f"label must be {len(weight)} whole numbers to match probability, got {true.shape}")
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"share must be from 0 to 1, got {share!r}")
+    margin = _reliability(weight, speaks, CONFIDENT)[0]
+    order = np.argsort(margin[speaks], kind="stable")
+    margin = margin[speaks][order]
+    right = (weight.argmax(axis=1) == true)[speaks][order]
+    n_right = np.append(np.cumsum(right[::-1])[::-1], 0)  # of those from each row on
+    tried = np.unique(np.clip(margin, CONFIDENT, MOST_RATIO))
+    first = np.searchsorted(margin, tried, side="right")  # row of the first confident one
+    n_sure = len(margin) - first
+    enough = np.flatnonzero((n_sure > 0) & (n_right[first] >= share * n_sure))
+    return float(tried[enough[0]]) if enough.size else MOST_RATIO
 
 
 def vote_species(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.vote import is_confident, vote_species
+from classify.vote import MOST_RATIO, is_confident, reliable_ratio, vote_species
 from treegraph import InputError
 
 NAN = np.nan
@@ -233,3 +233,67 @@ TWO = np.zeros((2, 2))
 def test_refusals(position, probability, options, message):
     with pytest.raises(InputError, match=message):
         vote_species(position, probability, **options)
+
+
+# ---------------------------------------------------------------- the ratio learnt
+
+
+def slow_ratio(probability, label, share):
+    """Every ratio between rows that are right and wrong, from the least on."""
+    rows = [
+        sorted(row, reverse=True) for row in probability.tolist() if not np.isnan(row).any() and max(row) > 0
+    ]
+    pick = [
+        int(k) for k in range(len(label)) if not np.isnan(probability[k]).any() and probability[k].max() > 0
+    ]
+    right = [int(probability[k].argmax()) == label[k] for k in pick]
+    ratio = [np.inf if row[1] == 0.0 else row[0] / row[1] for row in rows]
+    for least in sorted({min(max(r, 1.5), 1000.0) for r in ratio}):
+        sure = [ok for r, ok in zip(ratio, right, strict=True) if r > least]
+        if sure and np.mean(sure) >= share:
+            return least
+    return 1000.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9, 0.99, 1.0])
+@pytest.mark.parametrize("seed", range(12))
+def test_the_least_ratio_that_is_reliable(seed, share):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 80))
+    probability = rng.dirichlet(np.full(4, 0.3), n)
+    label = np.where(rng.random(n) < 0.8, probability.argmax(axis=1), rng.integers(0, 4, n))
+    probability[rng.random(n) < 0.1] = np.nan
+    probability[rng.random(n) < 0.1] = np.eye(4)[1]
+    got = reliable_ratio(probability, label, share)
+    assert got == pytest.approx(slow_ratio(probability, label, share), rel=1e-12)
+    sure = is_confident(probability, got)
+    if got < MOST_RATIO:
+        assert (probability.argmax(axis=1) == label)[sure].mean() >= share
+
+
+def test_a_ratio_is_learnt_from_wrong_answers_that_look_sure():
+    """Nine of ten are right; the wrong ones are up to four times as probable as the next."""
+    first = np.concatenate([np.linspace(0.82, 0.99, 90), np.linspace(0.6, 0.8, 10)])
+    label = np.concatenate([np.zeros(90, int), np.ones(10, int)])
+    probability = np.stack([first, 1.0 - first], axis=1)
+    assert reliable_ratio(probability, label, 1.0) == pytest.approx(4.0)
+    assert reliable_ratio(probability, label, 0.9) == 1.5
+
+
+def test_no_ratio_is_enough():
+    assert reliable_ratio([[1.0, 0.0]], [1]) == MOST_RATIO
+    assert reliable_ratio(np.empty((0, 3)), np.empty(0, int)) == MOST_RATIO
+
+
+@pytest.mark.parametrize(
+    "label, share, message",
+    [
+        ([0.0], 0.9, r"label must be 1 whole numbers to match probability, got \(1,\)"),
+        ([0, 1], 0.9, r"label must be 1 whole numbers to match probability, got \(2,\)"),
+        ([0], 1.1, "share must be from 0 to 1, got 1.1"),
+        ([0], np.nan, "share must be from 0 to 1, got nan"),
+    ],
+)
+def test_ratios_that_cannot_be_learnt(label, share, message):
+    with pytest.raises(InputError, match=message):
+        reliable_ratio([[0.6, 0.4]], label, share)
