@@ -6,23 +6,26 @@
     python -m benchmarks.recognition ANY --only shifts
     python -m benchmarks.recognition --only conifers --data DIR
     python -m benchmarks.recognition --only real --data DIR
+    python -m benchmarks.recognition --only cost --data DIR
 
 *protocol*: twelve species with the numbers of scans of figure 3.9 of S. Pirk's thesis (University of
 Konstanz, 2013), one scan of a tree, half of each species for training, at random, again and again. The trees
 that were not trained with then stand in streets of one species, and mixed at random, and the neighbours vote.
 *shifts*: training on one kind of scans and testing, on other trees, on another kind. *conifers*: real
 airborne scans of four conifers, beside two classifiers of scikit-learn. *real*: what the model that comes
-along says of real scans.
+along says of real scans. *cost*: the time that asking it takes beside ``reconstruct``.
 """
 
 from __future__ import annotations
 
+import json
 import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -48,6 +51,7 @@ PUBLISHED = {
 }
 HEIGHT = ("height",)
 N_SPLITS = 100
+TABLES = ("protocol", "shifts", "conifers", "real", "cost")
 N_FOLDS = 2  # in which the scans of a training are held out to calibrate it
 STREET, ALONG, ACROSS = 10, 8.0, 30.0  # trees of a street, and metres between trees and between streets
 SHIFT_SEEDS = 2
@@ -282,6 +286,8 @@ def run(arguments: Namespace) -> list[Row]:
         rows += conifers(root)
     if only in (None, "real"):
         rows += real(root, getattr(arguments, "model", None))
+    if only in (None, "cost"):
+        rows += cost(root)
     report.write_json(getattr(arguments, "json", None), "recognition", rows)
     return rows
 
@@ -404,11 +410,37 @@ def real(root: Path | None, model: Any = None) -> list[Row]:
     return rows + groups
 
 
+def cost(root: Path | None) -> list[Row]:
+    """What asking the model adds to ``reconstruct`` with all its files; and making a taken tree again."""
+    import sapwood
+
+    if root is None:
+        print(f"no data folder: give --data DIR or set {data.DATA_VARIABLE}")
+        return []
+    rows: list[Row] = []
+    for scan in data.SCANS:
+        if not (root / scan.path).is_file():
+            continue
+        with TemporaryDirectory() as folder:
+            made = sapwood.reconstruct(root / scan.path)
+            made.save(folder)
+            seconds = json.loads((Path(folder) / f"{made.name}.json").read_text(encoding="utf-8"))["seconds"]
+        asked, again = seconds["classify"], seconds.get("first_pass", 0.0)
+        rest = sum(seconds.values()) - asked - again
+        row = {"scan": scan.name, "points": len(made.cloud.xyz), "reconstruct s": rest, "asking s": asked}
+        rows.append(row | {"adds": asked / rest, "first pass s": again, "with it": (asked + again) / rest})
+    print(report.table(rows))
+    print()
+    return rows
+
+
 def main() -> None:
     """Command line."""
     parser = ArgumentParser(prog="python -m benchmarks.recognition", description=__doc__.splitlines()[0])
     parser.add_argument("set", type=Path, nargs="?", help="folder of benchmarks.virtual_set")
-    parser.add_argument("--only", choices=("protocol", "shifts", "conifers", "real"), help="only this table")
+    parser.add_argument(
+        "--only", choices=TABLES, help="only this table"
+    )
     parser.add_argument(
         "--splits", type=int, default=N_SPLITS, help=f"of the experiment (default {N_SPLITS})"
     )

@@ -22,7 +22,7 @@ from treegraph import Cluster, ClusterTree, InputError, TreeGraph
 
 __all__ = ["fill_crown"]
 
-PLACES = 400
+PLACES = 1000
 STEP = 0.5  # length of a new segment, in the distance of places
 KILL = 0.9  # a place that a node has come so near is reached
 REACH = 3.0  # within which a place draws a node at first
@@ -41,7 +41,7 @@ def fill_crown(tree: ClusterTree, *, places: int = PLACES) -> TreeGraph:
     ----------
     tree : ClusterTree
         One root, all radii known.
-    places : int, default 400
+    places : int, default 1000
         About how many places of the clusters are to be reached, 1 to 5000: how finely the crown branches.
 
     Returns

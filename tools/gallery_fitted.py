@@ -14,7 +14,6 @@ import numpy as np
 
 PANEL = (210, 330)  # pixels
 BRANCHES, EVALUATIONS, SEED = 400, 3000, 3
-PLACES = 1000  # of the leaf clusters that branches are drawn to
 BROTHERS = 4  # the fitted tree and three brothers
 AZIMUTH, SIDE = 0.3, -np.pi / 2  # radians; the wall is seen from its end
 WALL = 0.5  # how far a wall stands from the stem, in widths of the crown
@@ -73,7 +72,7 @@ def fit_input(tree: Any) -> Any:
     """Growth parameters for a tree: branches are drawn into its leaves first, and the thinnest left out."""
     from inverse import EvolutionSettings, fill_crown, fit_trees, thin_out
 
-    target = thin_out(fill_crown(tree, places=PLACES), BRANCHES)
+    target = thin_out(fill_crown(tree), BRANCHES)
     return fit_trees([target], settings=EvolutionSettings(EVALUATIONS), seed=SEED)
 
 
