@@ -104,6 +104,9 @@ class Group:
         Whose twigs, leaves and bark they have; else leaves are plain blades.
     season : str
         Of a species' leaves.
+    coarse : bool
+        Whether an internode stands for all the twigs that a scan did not show, as in trees whose
+        ``tip_share`` was fitted: their clusters are at least as dense as the species has them.
     """
 
     trees: Sequence[GrownTree]
@@ -112,6 +115,7 @@ class Group:
     bare: bool = False
     species: Species | None = None
     season: str = "summer"
+    coarse: bool = False
     _leaves: dict[int, Any] = field(default_factory=dict)
     _dressed: dict[int, Any] = field(default_factory=dict)
 
@@ -132,6 +136,7 @@ class Group:
             assert self.species is not None
             tree = as_cluster_tree(self.trees[k], self.leaves(k), self.species)
             density = grown_density(tree, self.trees[k].tree, self.species)
+            density = np.maximum(density, 1.0) if self.coarse else density
             self._dressed[k] = dress(
                 tree, self.species, season=self.season, seed=self.seed, density=density, detail=detail
             )
@@ -199,7 +204,8 @@ def grow_group(
         settings=settings,
     )
     bare = bare or (species is not None and species.definition.is_bare(season))
-    return Group(trees, request.obstacles, request.seed, bare, species, season)
+    coarse = settings.tip_share != GrowthSettings().tip_share
+    return Group(trees, request.obstacles, request.seed, bare, species, season, coarse)
 
 
 def spread_ages(age: int, frames: int) -> list[int]:

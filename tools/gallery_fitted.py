@@ -16,8 +16,8 @@ PANEL = (210, 330)  # pixels
 BRANCHES, EVALUATIONS, SEED = 400, 3000, 3
 BROTHERS = 4  # the fitted tree and three brothers
 AZIMUTH, SIDE = 0.3, -np.pi / 2  # radians; the wall is seen from its end
-WALL = 0.5  # how far a wall stands from the stem, in widths of the crown
-WALL_WIDTH, WALL_HEIGHT = 0.8, 0.9  # in heights of the tree
+WALL = (0.5, 0.15)  # how far a wall stands from the stem, in widths of the crown, and at least in heights
+WALL_WIDTH, WALL_HEIGHT = 0.6, 0.5  # in heights of the tree
 SCANNED = {"stations": 4, "distance": 12.0, "step_deg": 0.1, "noise": 0.002}
 
 
@@ -91,7 +91,8 @@ def draw_fitted(known: Input, path: Path) -> tuple[Any, dict[str, Any]]:
     groups = [grow_group(Request(preset, seed), **how) for seed in range(BROTHERS)]
     width = float(np.median([np.ptp(group.trees[0].tree.position[:, 0]) for group in groups]))
     height = float(np.median([group.trees[0].height for group in groups]))
-    wall = make_wall((WALL * width, 0, 0), (-1, 0, 0), width=WALL_WIDTH * height, height=WALL_HEIGHT * height)
+    away = max(WALL[0] * width, WALL[1] * height)
+    wall = make_wall((away, 0, 0), (-1, 0, 0), width=WALL_WIDTH * height, height=WALL_HEIGHT * height)
     groups.append(grow_group(Request(preset, 0, (wall,)), **how))
     cloud = np.concatenate([group.trees[0].tree.position for group in groups])
     frame = Group([trees for group in groups for trees in group.trees])

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import treegraph
-from sapwood.growing import Request, grow_group, neighbour_places, spread_ages
+from sapwood.growing import Request, as_cluster_tree, grow_group, neighbour_places, spread_ages
 from species import find_preset, read_growth
 from species.library import find_species
 from species.library.catalog import BUILTIN
+from treegraph import hull_volumes
 
 SMALL = ("--preset", "F6e", "--age", "6", "--seed", "2")
 
@@ -220,6 +221,19 @@ def test_leaf_area_of_a_species_is_what_has_grown():
     assert group.dressed(0).leaf_area == pytest.approx(grown, rel=0.02)
     bare = grow_group(Request(growth, 2), species=kind, season="winter")
     assert {part.name for part in bare.parts()} == {"wood"}
+
+
+def test_coarse_trees_bear_no_less_than_their_species_would():
+    """An internode with a fitted tip_share stands for twigs that are not there, and so for their leaves."""
+    kind = find_species("Oak")
+    growth = dataclasses.replace(kind.definition.growth, age=16)
+    plain = grow_group(Request(growth, 2), species=kind)
+    coarse = grow_group(Request(dataclasses.replace(growth, tip_share=0.03), 2), species=kind)
+    tree = as_cluster_tree(coarse.trees[0], coarse.leaves(0), kind)
+    full = float(hull_volumes(tree.clusters).sum()) * kind.definition.leaf_area_density
+    assert plain.trees[0].tree.attribute["leaf_area"].sum() < 0.8 * full
+    assert plain.dressed(0).leaf_area < 0.82 * full
+    assert coarse.dressed(0).leaf_area == pytest.approx(full, rel=0.05)
 
 
 def test_a_species_without_growth_parameters_or_with_a_file_is_an_error(run, tmp_path):
