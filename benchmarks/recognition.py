@@ -438,9 +438,7 @@ def main() -> None:
     """Command line."""
     parser = ArgumentParser(prog="python -m benchmarks.recognition", description=__doc__.splitlines()[0])
     parser.add_argument("set", type=Path, nargs="?", help="folder of benchmarks.virtual_set")
-    parser.add_argument(
-        "--only", choices=TABLES, help="only this table"
-    )
+    parser.add_argument("--only", choices=TABLES, help="only this table")
     parser.add_argument(
         "--splits", type=int, default=N_SPLITS, help=f"of the experiment (default {N_SPLITS})"
     )
