@@ -23,7 +23,9 @@ def classify(
     model: o.ModelFile = None,
     units: o.UnitsOption = None,
     up: o.UpOption = o.Up.z,
+    base: o.Base = None,
     largest: o.Largest = False,
+    tree_id: o.TreeId = None,
     keep_ground: o.KeepGround = False,
     max_points: o.MaxPoints = None,
     as_points: o.AsPoints = False,
@@ -55,7 +57,7 @@ def classify(
     paths = find_scans(scans, skipped, refused)
     for path in skipped:
         terminal.note(f"{path}: left out, there are no points in it")
-    said = scan_options(units, up, None, largest, None, keep_ground, max_points, as_points, decimal)
+    said = scan_options(units, up, base, largest, tree_id, keep_ground, max_points, as_points, decimal)
     outcomes = describe_scans(terminal, paths, jobs, said)
     answers = [_answer(trained, outcome) for outcome in outcomes if outcome.kind == DONE]
     for answer in answers:

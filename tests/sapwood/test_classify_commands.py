@@ -266,6 +266,24 @@ def test_units_and_the_largest_of_many_trees_can_be_said(run, kinds, tmp_path):
         assert said.json["scans"][0]["probabilities"] == pytest.approx(plain, abs=0.2)
 
 
+def test_the_foot_and_the_number_of_a_tree_can_be_said(run, model, tmp_path):
+    """Two trees of two kinds in one file: either is asked about."""
+    both = np.concatenate([oak(0), pole(1) + [9.0, 0.0, 0.0]])
+    write_xyz(tmp_path / "both.xyz", both)
+    number = np.repeat([7, 8], [len(oak(0)), len(pole(1))])
+    table = ["x y z tree_id", *(f"{x} {y} {z} {k}" for (x, y, z), k in zip(both, number, strict=True))]
+    (tmp_path / "numbered.txt").write_text("\n".join(table))
+    for more, wanted in (
+        (["both.xyz", "--base", "0,0,0"], "oak"),
+        (["both.xyz", "--base", "9,0,0"], "pole"),
+        (["numbered.txt", "--tree-id", "7"], "oak"),
+        (["numbered.txt", "--tree-id", "8"], "pole"),
+    ):
+        said = run("sapwood", "classify", "--json", "--model", model, *more)
+        assert said.code == 0, said.err
+        assert next(iter(said.json["scans"][0]["probabilities"])) == wanted
+
+
 def test_a_file_that_is_no_model_is_refused(run, tmp_path):
     (tmp_path / "x.model").write_text("{}")
     assert (
