@@ -127,10 +127,10 @@ def reliable_ratio(probability: ArrayLike, label: ArrayLike, share: float = RELI
     margin = margin[speaks][order]
     right = (weight.argmax(axis=1) == true)[speaks][order]
     n_right = np.append(np.cumsum(right[::-1])[::-1], 0)  # of those from each row on
-    tried = np.unique(np.clip(margin, CONFIDENT, MOST_RATIO))
+    tried = np.unique(np.append(np.clip(margin, CONFIDENT, MOST_RATIO), CONFIDENT))
     first = np.searchsorted(margin, tried, side="right")  # row of the first confident one
     n_sure = len(margin) - first
-    enough = np.flatnonzero((n_sure > 0) & (n_right[first] >= share * n_sure))
+    enough = np.flatnonzero((n_sure > 0) & (n_right[first] / np.maximum(n_sure, 1) >= share))
     return float(tried[enough[0]]) if enough.size else MOST_RATIO
 
 

@@ -62,15 +62,14 @@ def move_hulls(
     solids,
     short,
     out,
-    n_seats,
     moved,
 ):
     """Carry hulls along with their living seats, and move what an obstacle hides from the nearest of these.
 
     vertex (v, 3), hull c from first[c] on; seats: nodes, those of hull c from seats_first[c] on; before and
     position (n, 3) of all nodes; the scene's frame is x -> turn x + shift. Ways to an obstacle are shortened
-    by the share `short`. Writes out (v, 3), n_seats (c,), the living ones, without any of which a hull stays
-    as it is, and moved (c,): whether an obstacle took something of it.
+    by the share `short`. Writes out (v, 3) and moved (c,): whether an obstacle took something of it. A hull
+    without living seats stays as it is.
     """
     any_solid = solids.planes.shape[0] + solids.balls.shape[0] + solids.boxes.shape[0] > 0
     for c in range(first.size - 1):
@@ -82,7 +81,6 @@ def move_hulls(
                 count += 1
                 for axis in range(3):
                     offset[axis] += position[node, axis] - before[node, axis]
-        n_seats[c] = count
         moved[c] = False
         if count:
             offset /= count

@@ -182,15 +182,18 @@ class Adapted:
         """Which of the input tree's clusters the clusters of :attr:`tree` are."""
         return np.array([k for k, hull in enumerate(self._hulls) if hull is not None], np.int64)
 
-    @property
+    @cached_property
     def _n_seats(self) -> NDArray[np.int64]:
         """Living nodes of each present cluster."""
-        return self._moved[1]
+        packed = self.state._hulls
+        first, last = packed.seat_first[0], packed.seat_first[-1]
+        living = np.concatenate([[0], np.cumsum(self.alive[packed.seat[first:last]])])
+        return np.diff(living[packed.seat_first - first])
 
     @property
     def _is_cut(self) -> bool:
         """Whether an obstacle took something of a hull, or a hull is gone."""
-        return bool(self._moved[2].any()) or not self._n_seats.all()
+        return bool(self._moved[1].any()) or not self._n_seats.all()
 
     @cached_property
     def _solids(self) -> tuple[Any, list[TriangleMesh]]:
@@ -200,8 +203,8 @@ class Adapted:
         return pack_solids(self.scene.obstacles)
 
     @cached_property
-    def _moved(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Vertices of all hulls, each one's living nodes, and whether an obstacle took something of it."""
+    def _moved(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Vertices of all hulls, and whether an obstacle took something of each."""
         from plastic import _cut_kernels as cuts
         from plastic.stand import turn_matrix
 
@@ -209,28 +212,27 @@ class Adapted:
         turn, shift = np.eye(3), np.zeros(3)
         if self.placed is not None:
             turn, shift = turn_matrix(self.placed.turn), self.placed.position
-        n = len(packed.first) - 1
-        vertex, n_seats, is_cut = np.empty_like(packed.vertex), np.empty(n, np.int64), np.empty(n, np.bool_)
+        vertex, is_cut = np.empty_like(packed.vertex), np.empty(len(packed.first) - 1, np.bool_)
         before = self.state.tree.graph.position
         cuts.move_hulls(
             packed.vertex, packed.first, packed.seat, packed.seat_first, before, self.position, self.alive,
-            turn, np.asarray(shift, np.float64), solids, SHORT, vertex, n_seats, is_cut,
+            turn, np.asarray(shift, np.float64), solids, SHORT, vertex, is_cut,
         )  # fmt: skip
-        for k in np.flatnonzero(n_seats) if meshes else ():
+        for k in np.flatnonzero(self._n_seats) if meshes else ():
             seats = packed.seat[packed.seat_first[k] : packed.seat_first[k + 1]]
             nodes = self.position[seats[self.alive[seats]]] @ turn.T + shift
             own = slice(packed.first[k], packed.first[k + 1])
             hull = vertex[own] @ turn.T + shift
             if sum([_cut_at_mesh(mesh, hull, nodes) for mesh in meshes]):
                 vertex[own], is_cut[k] = (hull - shift) @ turn, True
-        return vertex, n_seats, is_cut
+        return vertex, is_cut
 
     @cached_property
     def _hulls(self) -> list[NDArray[np.float64] | None]:
         """Vertices of each of the tree's clusters; None for those that are gone, or next to it."""
         from plastic import _cut_kernels as cuts
 
-        vertex, n_seats, is_cut = self._moved
+        (vertex, is_cut), n_seats = self._moved, self._n_seats
         first = self.state._hulls.first
         out: list[NDArray[np.float64] | None] = []
         for k, cluster in enumerate(self.state.tree.clusters if self.state.has_leaves else ()):

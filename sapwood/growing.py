@@ -106,7 +106,8 @@ class Group:
         Of a species' leaves.
     coarse : bool
         Whether an internode stands for all the twigs that a scan did not show, as in trees whose
-        ``tip_share`` was fitted: their clusters are at least as dense as the species has them.
+        ``tip_share`` is above that of the growth model: their clusters are at least as dense as the species
+        has them.
     """
 
     trees: Sequence[GrownTree]
@@ -141,6 +142,15 @@ class Group:
                 tree, self.species, season=self.season, seed=self.seed, density=density, detail=detail
             )
         return self._dressed[k]
+
+    def leaf_area(self, k: int) -> float:
+        """Leaves of tree k, one side, m2: what has grown, or what a coarse tree is dressed in."""
+        if self.bare:
+            return 0.0
+        grown = float(self.trees[k].tree.attribute["leaf_area"].sum())
+        if self.coarse and self.species is not None and self.leaves(k).n_leaves:
+            return self.dressed(k).leaf_area
+        return grown
 
     def parts(self, detail: str = "normal") -> list[Part]:
         """Wood and leaves of all trees: ``wood`` and ``leaves``, ``wood_1`` and so on for the neighbours."""
@@ -204,7 +214,7 @@ def grow_group(
         settings=settings,
     )
     bare = bare or (species is not None and species.definition.is_bare(season))
-    coarse = settings.tip_share != GrowthSettings().tip_share
+    coarse = settings.tip_share > GrowthSettings().tip_share
     return Group(trees, request.obstacles, request.seed, bare, species, season, coarse)
 
 

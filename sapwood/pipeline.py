@@ -254,12 +254,8 @@ def _as_recognised(
 
 
 def _said(recognised: dict[str, Any] | None, encoding: Encoding) -> list[str]:
-    if recognised is None or recognised["probability"] is None:
+    if recognised is None or not recognised["taken"]:
         return []
-    if not recognised["taken"]:
-        name, share = next(iter(recognised["probabilities"].items()))
-        like = f"most like {name}, probability {share:.2f}"
-        return [f"not recognised ({like}): default parameters, no leaves; --species names it, or none"]
     name, share = recognised["species"], recognised["probability"]
     bare = "" if encoding.tree.clusters else " and bare"
     shape = f"by its shape (probability {share:.2f})"

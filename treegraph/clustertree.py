@@ -100,14 +100,14 @@ class Cluster:
         TreeError
             If there are more vertices, or fewer; or as for a new cluster.
         """
-        if np.shape(vertices) != self.vertices.shape:
-            raise TreeError(f"vertices must have shape {self.vertices.shape}, got {np.shape(vertices)}")
-        vertices, seed = _as_float("vertices", vertices), _as_index("seed", seed)
+        vertices, seed, density = _as_float("vertices", vertices), _as_index("seed", seed), float(density)
+        if vertices.shape != self.vertices.shape:
+            raise TreeError(f"vertices must have shape {self.vertices.shape}, got {vertices.shape}")
         if seed.ndim != 1 or density < 0.0 or np.isinf(density) or not np.isfinite(vertices).all():
             return Cluster(vertices, self.faces, seed, density, self.n_points)  # which says what is wrong
         vertices.flags.writeable = seed.flags.writeable = False
         out = object.__new__(Cluster)
-        out.__dict__.update(vars(self), vertices=vertices, seed=seed, density=float(density))
+        out.__dict__.update(vars(self), vertices=vertices, seed=seed, density=density)
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:  # a copy is checked, and read-only, again

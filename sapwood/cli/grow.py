@@ -304,7 +304,7 @@ def _say(
     terminal: Terminal, grown: Group, kind: Preset, files: list[Path], seed: int, seconds: float
 ) -> None:
     tree = grown.trees[0]
-    leaves = 0.0 if grown.bare else float(tree.tree.attribute["leaf_area"].sum())
+    leaves = grown.leaf_area(0)
     if tree.status != "grown":
         terminal.note(
             f"growth stopped after {tree.age} of {kind.age} cycles: the next would pass --max-nodes"

@@ -248,7 +248,7 @@ def slow_ratio(probability, label, share):
     ]
     right = [int(probability[k].argmax()) == label[k] for k in pick]
     ratio = [np.inf if row[1] == 0.0 else row[0] / row[1] for row in rows]
-    for least in sorted({min(max(r, 1.5), 1000.0) for r in ratio}):
+    for least in sorted({1.5} | {min(max(r, 1.5), 1000.0) for r in ratio}):
         sure = [ok for r, ok in zip(ratio, right, strict=True) if r > least]
         if sure and np.mean(sure) >= share:
             return least
@@ -278,6 +278,17 @@ def test_a_ratio_is_learnt_from_wrong_answers_that_look_sure():
     probability = np.stack([first, 1.0 - first], axis=1)
     assert reliable_ratio(probability, label, 1.0) == pytest.approx(4.0)
     assert reliable_ratio(probability, label, 0.9) == 1.5
+
+
+def test_answers_that_are_all_right_need_no_more_than_the_published_ratio():
+    assert reliable_ratio([[0.9, 0.1], [0.75, 0.25]], [0, 0]) == 1.5
+    assert reliable_ratio([[1.0, 0.0]], [0]) == 1.5
+    assert reliable_ratio([[0.7], [0.2]], [0, 0]) == 1.5
+
+
+def test_a_share_that_is_just_reached_is_enough():
+    probability = [[0.9, 0.1]] * 100
+    assert reliable_ratio(probability, [0] * 55 + [1] * 45, 0.55) == 1.5
 
 
 def test_no_ratio_is_enough():

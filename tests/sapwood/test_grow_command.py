@@ -233,7 +233,11 @@ def test_coarse_trees_bear_no_less_than_their_species_would():
     full = float(hull_volumes(tree.clusters).sum()) * kind.definition.leaf_area_density
     assert plain.trees[0].tree.attribute["leaf_area"].sum() < 0.8 * full
     assert plain.dressed(0).leaf_area < 0.82 * full
-    assert coarse.dressed(0).leaf_area == pytest.approx(full, rel=0.05)
+    assert coarse.dressed(0).leaf_area == coarse.leaf_area(0) == pytest.approx(full, rel=0.05)
+    assert plain.leaf_area(0) == plain.trees[0].tree.attribute["leaf_area"].sum()
+    thin = grow_group(Request(dataclasses.replace(growth, tip_share=0.005), 2), species=kind)
+    assert not thin.coarse
+    assert grow_group(Request(growth, 2), species=kind, season="winter").leaf_area(0) == 0.0
 
 
 def test_a_species_without_growth_parameters_or_with_a_file_is_an_error(run, tmp_path):

@@ -85,9 +85,6 @@ def test_what_is_not_recognised_is_left_as_it_is(points, model, change):
     assert encode_lobes(made.tree) == encode_lobes(plain(points["leafy"]).tree)
     assert made.tree.species is None
     assert not [note for note in made.notes if "taken for" in note]
-    said = [note for note in made.notes if note.startswith("not recognised (most like ")]
-    assert len(said) == 1 and said[0].endswith("--species names it, or none")
-    assert not [note for note in plain(points["leafy"]).notes if "recognised" in note]
 
 
 def test_a_species_that_the_library_lacks_is_only_a_name(points, described):

@@ -103,6 +103,7 @@ class TestCluster:
     @pytest.mark.parametrize(
         "changes, match",
         [
+            ({"vertices": [[0, 0, 0], [1]]}, "vertices must be an array of numbers"),
             ({"vertices": CORNERS[:3]}, r"vertices must have shape \(4, 3\), got \(3, 3\)"),
             ({"vertices": np.full((4, 3), np.inf)}, "vertices must be finite"),
             ({"seed": [[0]]}, r"seed must have shape \(s,\), got \(1, 1\)"),
