@@ -51,7 +51,7 @@ def voxel_sums(xyz, low, edge, shape, quantum, first, most):
     (i shape[1] + j) shape[2] + k; points outside are left out. Coordinates are counted in `quantum` from
     `low`, so that sums do not depend on the order of the points. Of more than `most` filled voxels those of
     the lowest :func:`cell_rank` are kept; their places are counted from `first` (3,). Returns code (m,),
-    sums (m, 4): x, y, z, points.
+    sums (m, 4): x, y, z, points, and rank (m,).
 
     Whenever twice as many are filled, the higher half is forgotten, and from then on no point of theirs is
     looked at twice: a voxel of those kept in the end was never forgotten.
@@ -70,11 +70,15 @@ def voxel_sums(xyz, low, edge, shape, quantum, first, most):
         if not (0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]):
             continue
         c = (np.int64(i) * shape[1] + np.int64(j)) * shape[2] + np.int64(k)
-        r = cell_rank(np.int64(i) + first[0], np.int64(j) + first[1], np.int64(k) + first[2])
-        if is_full and r > limit:
-            continue
+        r = np.uint64(0)
+        if is_full:
+            r = cell_rank(np.int64(i) + first[0], np.int64(j) + first[1], np.int64(k) + first[2])
+            if r > limit:
+                continue
         slot = _place(key, c)
         if key[slot] == -1:
+            if not is_full:
+                r = cell_rank(np.int64(i) + first[0], np.int64(j) + first[1], np.int64(k) + first[2])
             if 2 * used >= key.size:
                 if used >= 2 * most:
                     limit = np.partition(ranks[:used], most - 1)[most - 1]
@@ -102,7 +106,7 @@ def voxel_sums(xyz, low, edge, shape, quantum, first, most):
     if used > most:
         limit = np.partition(ranks[:used], most - 1)[most - 1]
         used = _forget(code, sums, ranks, used, limit)
-    return code[:used].copy(), sums[:used].copy()
+    return code[:used].copy(), sums[:used].copy(), ranks[:used].copy()
 
 
 @_jit

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from classify._feature import Feature, Floats, divided, family, mean_of, quantiles_of, spread_of
-from classify._thinned import Grid, TreeView, rank_of
+from classify._thinned import Grid, TreeView
 
 SAMPLE = 8  # finer cells that a shape is found from: always as many, as few points look flatter than many
 SAMPLES = 2  # shapes of a neighbourhood, at most, of which the mean is taken
@@ -140,7 +140,7 @@ def find_shapes(grid: Grid, ratio: int, most: int | None = None) -> Shapes:
     first = np.concatenate([[0], np.cumsum(np.bincount(cell_of))])
     pick = np.arange(len(cell))
     if most is not None and len(cell) > most:
-        rank = rank_of(grid.cell[order[first[:-1]]] // ratio)
+        rank = kernels.ranks_of(grid.cell[order[first[:-1]]] // ratio)
         pick = np.sort(np.argsort(rank, kind="stable")[:most])
     around = kernels.neighbour_sums(cell, own, stride_x, stride_y, pick)
     directions = kernels.shapes(around, LEAST)[:, 5:]

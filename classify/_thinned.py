@@ -78,13 +78,6 @@ class Grid:
         return place[:, 0] * stride_x + place[:, 1] * stride_y + place[:, 2], stride_x, stride_y
 
 
-def rank_of(cell: Ints) -> NDArray[np.uint64]:
-    """Rank of each cell (m, 3), which looks random and is the same in every scan of a tree."""
-    from classify import _feature_kernels as kernels
-
-    return kernels.ranks_of(cell)
-
-
 def make_grid(
     xyz: Floats, low: Floats, high: Floats, edge: float, anchor: Floats, most: int | None = None
 ) -> Grid:
@@ -99,14 +92,14 @@ def make_grid(
     shape = (np.floor((high - anchor) / edge) - first + 1.0).astype(np.int64)
     quantum, begin = edge / QUANTA, first * edge + anchor
     most = len(xyz) if most is None else most
-    code, sums = kernels.voxel_sums(xyz, begin, edge, shape, quantum, first.astype(np.int64), most)
+    code, sums, rank = kernels.voxel_sums(xyz, begin, edge, shape, quantum, first.astype(np.int64), most)
     order = np.argsort(code)
-    code, sums = code[order], sums[order]
+    code, sums, rank = code[order], sums[order], rank[order]
     mean = sums[:, :3] / sums[:, 3:] * quantum + begin
     rest, k = np.divmod(code, shape[2])
     i, j = np.divmod(rest, shape[1])
     cell = np.stack([i, j, k], axis=1) + first.astype(np.int64)
-    return Grid(mean, sums[:, 3].copy(), cell, edge, rank_of(cell))
+    return Grid(mean, sums[:, 3].copy(), cell, edge, rank)
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,19 +129,3 @@ def _placed(place, turn, shift):
         turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift[1],
         turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2],
     )
-
-
-@_jit
-def hull_volume(vertex, face):
-    """Volume inside a closed surface, m3."""
-    middle = np.zeros(3)
-    for v in range(vertex.shape[0]):
-        middle += vertex[v]
-    middle /= max(vertex.shape[0], 1)
-    total = 0.0
-    for f in range(face.shape[0]):
-        a, b, c = vertex[face[f, 0]] - middle, vertex[face[f, 1]] - middle, vertex[face[f, 2]] - middle
-        total += a[0] * (b[1] * c[2] - b[2] * c[1])
-        total += a[1] * (b[2] * c[0] - b[0] * c[2])
-        total += a[2] * (b[0] * c[1] - b[1] * c[0])
-    return total / 6.0

@@ -230,7 +230,7 @@ class Adapted:
     @cached_property
     def _hulls(self) -> list[NDArray[np.float64] | None]:
         """Vertices of each of the tree's clusters; None for those that are gone, or next to it."""
-        from plastic import _cut_kernels as cuts
+        from treegraph import hull_volumes
 
         (vertex, is_cut), n_seats = self._moved, self._n_seats
         first = self.state._hulls.first
@@ -238,8 +238,7 @@ class Adapted:
         for k, cluster in enumerate(self.state.tree.clusters if self.state.has_leaves else ()):
             hull = vertex[first[k] : first[k + 1]] if n_seats[k] else None
             if hull is not None and is_cut[k]:
-                whole = cuts.hull_volume(cluster.vertices, cluster.faces)
-                left = cuts.hull_volume(hull, cluster.faces)
+                whole, left = hull_volumes([cluster, cluster.moved(hull, cluster.seed, cluster.density)])
                 hull = None if whole > 0.0 and left <= LEAST_VOLUME * whole else hull
             out.append(hull)
         return out
