@@ -10,10 +10,10 @@ on the tree are kept; they are reconstructed with the default allometry and desc
 
     python -m benchmarks.virtual_set DIR --again --jobs 2
 
-writes DIR/SPECIES.npz for every species that has none yet; with --keep-scans also DIR/SPECIES/TREE_SCAN.xyz,
-and DIR/scans.csv with their paths, species and trees. With --again the kept scans, which are rounded to a
-millimetre, are reconstructed and described anew, whenever what describes them has changed. The same seed
-gives the same set, whatever --jobs is.
+writes DIR/SPECIES.npz for every species; one that is there already is given the trees that it lacks. With
+--keep-scans also DIR/SPECIES/TREE_SCAN.xyz, and DIR/scans.csv with their paths, species and trees. With
+--again the kept scans, which are rounded to a millimetre, are reconstructed and described anew, whenever
+what describes them has changed. The same seed gives the same set, whatever --jobs is.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import csv
 import sys
 import zlib
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -353,13 +353,18 @@ def _task(task: tuple[str, int, int, int, str, bool]) -> list[dict[str, Any]]:
     return samples if keep else [{**sample, "points": None} for sample in samples]
 
 
-def write_scans(folder: Path, samples: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
-    """Write each scan as text, to a millimetre; yield path below `folder`, species and tree."""
+def write_scans(folder: Path, samples: Iterable[dict[str, Any]]) -> None:
+    """Write each scan as text, to a millimetre."""
     for sample in samples:
-        path = scan_path(folder, sample["species"], sample["tree"], sample["scan"])
+        path = folder / _listed(sample)[0]
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savetxt(path, sample["points"], fmt="%.3f")
-        yield str(path.relative_to(folder)), sample["species"], sample["tree"]
+
+
+def _listed(sample: dict[str, Any]) -> tuple[str, str, str]:
+    """Path below the set's folder, species and tree of a sample."""
+    species, tree = str(sample["species"]), str(sample["tree"])
+    return str(scan_path(Path(), species, tree, int(sample["scan"]))), species, tree
 
 
 def scan_path(folder: Path, species: str, tree: str, scan: int) -> Path:
@@ -371,17 +376,19 @@ def describe_again(path: Path) -> int:
     """Describe the kept scans of one file of a set anew; how many they are."""
     from classify import FEATURES, describe_scan
 
-    with np.load(path, allow_pickle=False) as file:
-        kept = [name for name in file.files if name.startswith("column_")]
-        columns = {name.removeprefix("column_"): file[name] for name in kept}
-    samples = []
-    for k in range(len(columns["tree"])):
-        row = {name: value[k] for name, value in columns.items()}
-        scan = scan_path(path.parent, str(row["species"]), str(row["tree"]), int(row["scan"]))
-        made = _encoded(np.loadtxt(scan))
-        samples.append({"x": describe_scan(made.cloud.xyz, made.tree).array, **row})
+    samples = _samples(path)
+    for sample in samples:
+        made = _encoded(np.loadtxt(path.parent / _listed(sample)[0]))
+        sample["x"] = describe_scan(made.cloud.xyz, made.tree).array
     save_set(path, samples, [feature.name for feature in FEATURES])
     return len(samples)
+
+
+def _samples(path: Path) -> list[dict[str, Any]]:
+    """The rows of a file as :func:`make_samples` made them, without points."""
+    with np.load(path, allow_pickle=False) as file:
+        columns = {name.removeprefix("column_"): file[name] for name in file.files if name != "features"}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def main() -> None:
@@ -413,16 +420,17 @@ def main() -> None:
         run: Callable[..., Iterable[Any]] = pool.map if arguments.jobs > 1 else map
         for name in names:
             path = arguments.folder / f"{name}.npz"
-            if path.exists():
-                continue
+            kept = _samples(path) if path.exists() else []
+            first = 1 + max((int(str(sample["tree"])[-4:]) for sample in kept), default=-1)
             more = (arguments.scans, arguments.seed, arguments.campaign, arguments.keep_scans)
-            tasks = [(name, number, *more) for number in range(arguments.trees)]
+            tasks = [(name, number, *more) for number in range(first, arguments.trees)]
             samples = [sample for some in run(_task, tasks) for sample in some]
-            print(f"{name}: {len(samples)} scans of {arguments.trees} trees", file=sys.stderr)
-            if samples:
-                save_set(path, samples, [feature.name for feature in FEATURES])
+            print(f"{name}: {len(kept)} and {len(samples)} scans", file=sys.stderr)
             if arguments.keep_scans:
-                listed += write_scans(arguments.folder, samples)
+                write_scans(arguments.folder, samples)
+                listed += [_listed(sample) for sample in kept + samples]
+            if samples:
+                save_set(path, kept + samples, [feature.name for feature in FEATURES])
     if listed:
         with (arguments.folder / "scans.csv").open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([("path", "species", "tree"), *listed])

@@ -1,6 +1,6 @@
 """Train the model that comes along, on virtual scans of the library's species, and write the report on it.
 
-    python -m benchmarks.virtual_set SET --trees 150 --scans 2 --jobs 2     (about an hour on two cores)
+    python -m benchmarks.virtual_set SET --trees 200 --scans 2 --jobs 2
     python tools/make_species_model.py SET
 
 writes classify/shipped/species.model and, beside it, species.json, whose figures are of trees held out. The

@@ -155,7 +155,8 @@ def test_a_file_gives_back_what_was_written(tmp_path):
 def test_kept_scans_are_described_anew(tmp_path):
     samples = make_samples(Boxes(), 2, 2, seed=3)
     path = tmp_path / "Box tree.npz"
-    assert len(list(write_scans(tmp_path, samples))) == 2
+    write_scans(tmp_path, samples)
+    assert len(list((tmp_path / "Box tree").glob("*.xyz"))) == 2
     save_set(path, [{**sample, "x": np.zeros(3)} for sample in samples], ["a", "b", "c"])
     before = load_set(path)
     assert describe_again(path) == 2
@@ -165,6 +166,35 @@ def test_kept_scans_are_described_anew(tmp_path):
         np.testing.assert_array_equal(after.columns[name], value, err_msg=name)
     made = encode_with_report(np.round(samples[1]["points"], 3))
     np.testing.assert_allclose(after.x[1], describe_scan(made.cloud.xyz, made.tree).array, rtol=1e-6)
+
+
+def test_a_file_is_given_the_trees_that_it_lacks_as_if_made_in_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(virtual_set, "library_source", lambda name, variety: Boxes(name))
+    made = []
+
+    def run(folder, *options):
+        arguments = ["", str(tmp_path / folder), "--species", "Box tree", "--scans", "1", *options]
+        monkeypatch.setattr("sys.argv", arguments)
+        made.clear()
+        virtual_set.main()
+
+    task = virtual_set._task
+    monkeypatch.setattr(virtual_set, "_task", lambda given: made.append(given[1]) or task(given))
+    run("whole", "--trees", "3", "--keep-scans")
+    assert made == [0, 1, 2]
+    run("parts", "--trees", "1", "--keep-scans")
+    run("parts", "--trees", "3", "--keep-scans")
+    assert made == [1, 2]
+    whole, parts = (load_set(tmp_path / folder) for folder in ("whole", "parts"))
+    assert whole.tree.tolist() == parts.tree.tolist() == [f"Box tree {k:04d}" for k in range(3)]
+    assert whole.x.tobytes() == parts.x.tobytes()
+    for name, value in whole.columns.items():
+        np.testing.assert_array_equal(parts.columns[name], value, err_msg=name)
+    tables = [(tmp_path / folder / "scans.csv").read_text() for folder in ("whole", "parts")]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 4
+    run("parts", "--trees", "3", "--keep-scans")
+    assert not made
 
 
 def test_files_of_other_features_and_empty_folders_are_refused(tmp_path):
