@@ -426,10 +426,10 @@ def cost(root: Path | None) -> list[Row]:
             made = sapwood.reconstruct(root / scan.path)
             made.save(folder)
             seconds = json.loads((Path(folder) / f"{made.name}.json").read_text(encoding="utf-8"))["seconds"]
-        asked, again = seconds["classify"], seconds.get("first_pass", 0.0)
+        asked, again = seconds["classify"], seconds.get("again", 0.0)
         rest = sum(seconds.values()) - asked - again
         row = {"scan": scan.name, "points": len(made.cloud.xyz), "reconstruct s": rest, "asking s": asked}
-        rows.append(row | {"adds": asked / rest, "first pass s": again, "with it": (asked + again) / rest})
+        rows.append(row | {"adds": asked / rest, "again s": again, "with it": (asked + again) / rest})
     print(report.table(rows))
     print()
     return rows

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from recon.cloud import Cloud, as_cloud
-    from recon.encoding import EncodeReport, EncodeSettings, Encoding, encode, encode_with_report
+    from recon.encoding import Encoder, EncodeReport, EncodeSettings, Encoding, encode, encode_with_report
     from recon.preparing import Prepared, PrepareSettings, prepare
     from recon.reading import read_cloud
     from recon.scan_paths import Sweep, airborne_sweeps, mobile_sweep, station_sweeps, stations_around
@@ -20,6 +20,7 @@ _LAZY = {
     "as_cloud": "cloud",
     "EncodeReport": "encoding",
     "EncodeSettings": "encoding",
+    "Encoder": "encoding",
     "Encoding": "encoding",
     "encode": "encoding",
     "encode_with_report": "encoding",
@@ -48,6 +49,7 @@ __all__ = [
     "Cloud",
     "EncodeReport",
     "EncodeSettings",
+    "Encoder",
     "Encoding",
     "PrepareSettings",
     "Prepared",

@@ -21,7 +21,7 @@ import numpy as np
 from recon.cloud import Cloud
 from recon.clusters import bough_groups, cluster_points, leafy_nodes, make_clusters, median_turn
 from recon.dbh import BreastHeight, breast_height, hold_breast_height
-from recon.neighbours import bridge_gaps, neighbour_graph, trusted_graph
+from recon.neighbours import NeighbourGraph, bridge_gaps, neighbour_graph, trusted_graph
 from recon.ordering import morton_order, thin
 from recon.preparing import Prepared, PrepareSettings, prepare
 from recon.radii import SMALLEST_RADIUS, carried_points, final_radii, limit_by_load
@@ -230,25 +230,78 @@ def encode_with_report(
     settings: EncodeSettings | None = None,
 ) -> Encoding:
     """As :func:`encode`, with measures, times and remarks."""
-    settings = settings or EncodeSettings()
-    if allometry is None:
-        unknown = replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
-        allometry = unknown if species is None else find_allometry(species)
-    beta = settings.beta or allometry.beta
-    gamma = settings.gamma or allometry.gamma
-    clock = _Clock()
-    with clock("prepare"):
-        prepared = prepare(points, settings.prepare)
-        _refuse_many(prepared, settings)
-        xyz, n_wood = _points_to_encode(prepared.cloud, settings)
-    with clock("skeleton"):
-        skeleton = build_skeleton(
-            xyz[:n_wood],
-            np.zeros(3),
-            beta=beta,
-            n_neighbours=settings.n_neighbours,
-            thickest=_thickest(prepared, xyz),
-        )
+    return Encoder(points, settings).encode(species=species, allometry=allometry)
+
+
+class Encoder:
+    """A scan that is looked at once and encoded with the parameters of one species after another.
+
+    Parameters
+    ----------
+    points : Cloud or (n, 3) array_like
+        As of :func:`encode`.
+    settings : EncodeSettings, optional
+
+    Raises
+    ------
+    InputError
+        If the points are no single tree.
+
+    Notes
+    -----
+    What depends on the scan alone is made once, and so is the skeleton of two values of beta that lead over
+    the same gaps. What is returned is, bit for bit, what :func:`encode_with_report` returns.
+    """
+
+    def __init__(self, points: Any, settings: EncodeSettings | None = None) -> None:
+        self.settings = settings or EncodeSettings()
+        self._clock = _Clock()
+        with self._clock("prepare"):
+            self._prepared = prepare(points, self.settings.prepare)
+            _refuse_many(self._prepared, self.settings)
+            self._xyz, self._n_wood = _points_to_encode(self._prepared.cloud, self.settings)
+        self._graph: NeighbourGraph | None = None
+        self._skeletons: list[tuple[NeighbourGraph, Skeleton]] = []
+
+    def encode(self, *, species: str | None = None, allometry: Allometry | None = None) -> Encoding:
+        """The tree of a species, or of none; the report's times are of what had not been made before."""
+        if allometry is None:
+            unknown = replace(DEFAULT_ALLOMETRY, beta=DEFAULT_BETA)
+            allometry = unknown if species is None else find_allometry(species)
+        beta = self.settings.beta or allometry.beta
+        clock, self._clock = self._clock, _Clock()
+        with clock("skeleton"):
+            skeleton = self._skeleton(beta)
+        used = replace(allometry, beta=beta, gamma=self.settings.gamma or allometry.gamma)
+        return _encoding(self._prepared, self._xyz, skeleton, self.settings, species, used, clock)
+
+    def _skeleton(self, beta: float) -> Skeleton:
+        wood, foot = self._xyz[: self._n_wood], np.zeros(3)
+        if self._graph is None:
+            self._graph = joined_graph(wood, self.settings.n_neighbours)
+        trusted, sources = shown_graph(wood, foot, self._graph, beta)
+        for known, skeleton in self._skeletons:
+            if np.array_equal(known.start, trusted.start) and np.array_equal(
+                known.neighbour, trusted.neighbour
+            ):
+                return skeleton
+        skeleton = grow_skeleton(wood, trusted, sources, _thickest(self._prepared, self._xyz))
+        self._skeletons.append((trusted, skeleton))
+        return skeleton
+
+
+def _encoding(
+    prepared: Prepared,
+    xyz: np.ndarray,
+    skeleton: Skeleton,
+    settings: EncodeSettings,
+    species: str | None,
+    allometry: Allometry,
+    clock: _Clock,
+) -> Encoding:
+    """From the skeleton of the first points, those that may be wood, to the tree."""
+    beta, gamma = allometry.beta, allometry.gamma
+    n_wood = skeleton.label.size
     with clock("clusters"):
         if n_wood < len(xyz):
             skeleton, f_s, group = _hang_leaves(xyz, skeleton, settings, allometry.f_s)
@@ -447,9 +500,25 @@ def build_skeleton(
     -------
     Skeleton
     """
-    graph = bridge_gaps(xyz, neighbour_graph(xyz, n_neighbours))
+    trusted, sources = shown_graph(xyz, base, joined_graph(xyz, n_neighbours), beta)
+    return grow_skeleton(xyz, trusted, sources, thickest)
+
+
+def joined_graph(xyz: np.ndarray, n_neighbours: int) -> NeighbourGraph:
+    """All points (n, 3), metres, connected with their neighbours and over gaps."""
+    return bridge_gaps(xyz, neighbour_graph(xyz, n_neighbours))
+
+
+def shown_graph(
+    xyz: np.ndarray, base: np.ndarray, graph: NeighbourGraph, beta: float
+) -> tuple[NeighbourGraph, np.ndarray]:
+    """The links that shortest paths under |u - v|^beta use, and the points at the foot they start from."""
     sources = base_points(xyz, base, graph.spacing)
-    trusted = trusted_graph(graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing)
+    return trusted_graph(graph, sources, beta, reach=TRUSTED_SPACINGS * graph.spacing), sources
+
+
+def grow_skeleton(xyz: np.ndarray, trusted: NeighbourGraph, sources: np.ndarray, thickest: float) -> Skeleton:
+    """The skeleton along a graph, from its sources on, with fitted tubes."""
     skeleton = replace(slice_tree(xyz, trusted, sources), thickest=thickest)
     for _ in range(ABSORB_ROUNDS):
         tube, centre, _, extent = fit_circles(xyz, skeleton)

@@ -22,7 +22,7 @@ from treegraph.errors import FitError, FormatError, InputError
 
 if TYPE_CHECKING:
     from classify import SpeciesModel
-    from recon import Cloud, EncodeReport, EncodeSettings, Encoding
+    from recon import Cloud, Encoder, EncodeReport, EncodeSettings, Encoding
     from species import library as species_library
     from treegraph import ClusterTree
 
@@ -176,12 +176,13 @@ def reconstruct(
     clock = Clock(progress)
     cloud, source, sha256 = _read(scan, reading, clock)
     with clock.stage("encode"), _about(source):
-        encoding = _encode(cloud, known, settings)
+        encoder = _encoder(cloud, settings)
+        encoding = _encode(encoder, known)
     recognised = None
     if judge is not None:
         with clock.stage("classify"):
             recognised = recognise(_by_default(encoding, cloud, settings), judge)
-        encoding = _as_recognised(encoding, recognised, cloud, library, settings, clock)
+        encoding = _as_recognised(encoding, recognised, encoder, library, clock)
     report = encoding.report
     with clock.stage("measure"):
         table = cylinder_table(encoding.tree.graph)
@@ -211,25 +212,30 @@ def reconstruct(
     )
 
 
-def _encode(cloud: Cloud, kind: species_library.Definition | None, settings: EncodeSettings) -> Encoding:
+def _encoder(cloud: Cloud, settings: EncodeSettings) -> Encoder:
     import recon
 
+    return recon.Encoder(cloud, settings)
+
+
+def _encode(encoder: Encoder, kind: species_library.Definition | None) -> Encoding:
     name, allometry = (None, None) if kind is None else (kind.name, kind.allometry)
-    return recon.encode_with_report(cloud, species=name, allometry=allometry, settings=settings)
+    return encoder.encode(species=name, allometry=allometry)
 
 
 def _by_default(encoding: Encoding, cloud: Cloud, settings: EncodeSettings) -> Encoding:
     """The tree as the default settings make it, which is what a model learnt from."""
-    plain = type(settings)(prepare=settings.prepare)
-    return encoding if settings == plain else _encode(cloud, None, plain)
+    import recon
+
+    plain = recon.EncodeSettings(prepare=settings.prepare)
+    return encoding if settings == plain else recon.encode_with_report(cloud, settings=plain)
 
 
 def _as_recognised(
     encoding: Encoding,
     recognised: dict[str, Any],
-    cloud: Cloud,
+    encoder: Encoder,
     library: str | os.PathLike[str] | None,
-    settings: EncodeSettings,
     clock: Clock,
 ) -> Encoding:
     """The tree with the parameters of its species, if that is taken for known and is in the library.
@@ -247,10 +253,10 @@ def _as_recognised(
     named = replace(encoding, tree=replace(encoding.tree, species=name))
     if kind is None or not encoding.tree.clusters:
         return named
-    clock.seconds["first_pass"] = clock.seconds.pop("encode")
-    with clock.stage("encode"):
-        again = _encode(cloud, kind, settings)
-    return again if again.tree.clusters else named
+    with clock.stage("again"):
+        again = _encode(encoder, kind)
+    report = replace(again.report, seconds=encoding.report.seconds)
+    return replace(again, report=report) if again.tree.clusters else named
 
 
 def _said(recognised: dict[str, Any] | None, encoding: Encoding) -> list[str]:

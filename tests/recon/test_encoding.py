@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial import cKDTree
 from synthetic import axis_samples, crown, forked_tree, graph_samples
 
-from recon import EncodeSettings, encode, encode_with_report
+from recon import Encoder, EncodeSettings, encode, encode_with_report, encoding
 from treegraph.errors import InputError
 
 WOOD = EncodeSettings(f_s=1.0)
@@ -93,6 +93,33 @@ def test_doubled_points_do_no_harm(rng):
     a, b = encode(xyz, settings=WOOD), encode(np.concatenate([xyz, xyz]), settings=WOOD)
     at = graph_samples(a.graph)[0] + a.origin
     assert np.quantile(cKDTree(at).query(graph_samples(b.graph)[0] + b.origin)[0], 0.95) < 0.02
+
+
+def test_a_scan_looked_at_once_gives_every_species_its_own_tree(rng, monkeypatch):
+    xyz = np.concatenate([forked_tree(rng), crown(rng)])
+    made = {name: 0 for name in ("prepare", "joined_graph", "grow_skeleton")}
+
+    def counted(name, real):
+        def run(*given, **named):
+            made[name] += 1
+            return real(*given, **named)
+
+        return run
+
+    for name in made:
+        monkeypatch.setattr(encoding, name, counted(name, getattr(encoding, name)))
+    encoder = Encoder(xyz)
+    found = {name: encoder.encode(species=name) for name in (None, "Pine", "Terminalia")}
+    assert made["prepare"] == made["joined_graph"] == 1
+    assert encoder.encode().tree.clusters
+    assert made["grow_skeleton"] <= 3
+    for name, again in found.items():
+        alone = encode_with_report(xyz, species=name)
+        same(again.tree, alone.tree)
+        assert again.tree.allometry == alone.tree.allometry
+        assert again.tree.species == name
+        assert again.report.dbh_m == alone.report.dbh_m
+    assert "prepare" in found[None].report.seconds and "prepare" not in found["Terminalia"].report.seconds
 
 
 def test_report_and_attributes(rng):
