@@ -562,7 +562,7 @@ def test_our_own_fault_with_one_scan(run, scans, monkeypatch):
     def fail(*_, **__):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(recon, "encode_with_report", fail, raising=False)
+    monkeypatch.setattr(recon, "Encoder", fail, raising=False)
     done = run("reconstruct", scans / "bare.xyz", "-o", "out")
     assert done.code == 1
     assert done.error.startswith(

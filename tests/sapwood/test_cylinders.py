@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sapwood.cylinders import (
@@ -209,7 +209,25 @@ def test_a_branch_touches_the_cylinder_that_is_its_parent(tree):
             assert abs(cone_distance(foot[k], a, b, below["r0"], below["r1"])) < 1e-6
 
 
+#: A trunk that turns back on itself: past the deepest wood on its way the branch meets its foot's neighbours.
+CRUMPLED = TreeGraph(
+    [-1, 0, 1, 2, 3, 4, 3, 6],
+    [
+        [0.0, 0.0, 0.0],
+        [0.404, -0.229, -0.079],
+        [0.166, -0.147, 0.073],
+        [0.035, -0.197, -0.022],
+        [0.063, 0.132, 0.005],
+        [-0.222, 0.311, 0.234],
+        [0.125, 0.227, 0.037],
+        [-0.067, 0.149, 0.08],
+    ],
+    [0.25, 0.2, 0.176, 0.12, 0.119, 0.1, 0.071, 0.036],
+)
+
+
 @given(trees())
+@example(CRUMPLED)
 @settings(deadline=None, max_examples=100)
 def test_feet_are_outside_the_wood_they_leave(tree):
     """Slow reference: distance of each foot to every cone of the parent chain next to the foot's node."""
