@@ -1,9 +1,10 @@
 """Which species is it: the published experiment on virtual scans, and what happens when the scans change.
 
     python -m benchmarks.virtual_set CITY --campaign city --trees 60 --scans 1 --jobs 2
-    python -m benchmarks.virtual_set ANY --trees 150 --scans 2 --jobs 2
+    python -m benchmarks.virtual_set ANY --trees 200 --scans 2 --jobs 2
     python -m benchmarks.recognition CITY --only protocol --jobs 2
     python -m benchmarks.recognition ANY --only shifts
+    python -m benchmarks.recognition ANY --only foreign --jobs 2
     python -m benchmarks.recognition --only conifers --data DIR
     python -m benchmarks.recognition --only real --data DIR
     python -m benchmarks.recognition --only cost --data DIR
@@ -11,7 +12,8 @@
 *protocol*: twelve species with the numbers of scans of figure 3.9 of S. Pirk's thesis (University of
 Konstanz, 2013), one scan of a tree, half of each species for training, at random, again and again. The trees
 that were not trained with then stand in streets of one species, and mixed at random, and the neighbours vote.
-*shifts*: training on one kind of scans and testing, on other trees, on another kind. *conifers*: real
+*shifts*: training on one kind of scans and testing, on other trees, on another kind. *foreign*: scans
+of a species that was left out in training, how many of them are called "none of these". *conifers*: real
 airborne scans of four conifers, beside two classifiers of scikit-learn. *real*: what the model that comes
 along says of real scans. *cost*: the time that asking it takes beside ``reconstruct``.
 """
@@ -51,10 +53,13 @@ PUBLISHED = {
 }
 HEIGHT = ("height",)
 N_SPLITS = 100
-TABLES = ("protocol", "shifts", "conifers", "real", "cost")
+TABLES = ("protocol", "shifts", "foreign", "conifers", "real", "cost")
 N_FOLDS = 2  # in which the scans of a training are held out to calibrate it
 STREET, ALONG, ACROSS = 10, 8.0, 30.0  # trees of a street, and metres between trees and between streets
 SHIFT_SEEDS = 2
+#: Share of known scans that may be called "none of these", and how much of it for their distance: as
+#: ``species train`` and as the model that comes along.
+REJECTIONS = ((0.05, 0.2), (0.25, 0.5))
 CONIFER_SEEDS = 3
 
 
@@ -271,6 +276,42 @@ def shifts(found: VirtualSet) -> list[Row]:
     return rows
 
 
+def foreign_share(found: VirtualSet, k: int) -> Row:
+    """How much of the k-th species is called "none of these" by models of half of all other trees."""
+    from classify import train_model
+
+    name = str(np.unique(found.species)[k])
+    rng = np.random.default_rng([k, 5])
+    trees = np.unique(found.tree)
+    known = found.species != name
+    in_train = np.isin(found.tree, trees[rng.random(len(trees)) < 0.5]) & known
+    row: Row = {"species left out": name}
+    for share, distance_share in REJECTIONS:
+        model = train_model(
+            found.x[in_train],
+            [str(species) for species in found.species[in_train]],
+            [str(feature) for feature in found.features],
+            rng=np.random.default_rng(0),
+            trees=list(found.tree[in_train]),
+            n_folds=3,
+            false_rejection=share,
+            distance_share=distance_share,
+        ).model
+        for what, rows in {"its scans": ~known, "known": known & ~in_train}.items():
+            row[f"{what}, {share:.0%}"] = float(model.classify(found.x[rows]).is_unknown.mean())
+    return row
+
+
+def foreign(found: VirtualSet, jobs: int) -> list[Row]:
+    """Share of scans that are called "none of these", of species left out and of trees not trained with."""
+    rows = list(_each(partial(foreign_share, found), range(len(np.unique(found.species))), jobs))
+    keys = list(rows[0])[1:]
+    rows.append({"species left out": "mean", **{key: float(np.mean([r[key] for r in rows])) for key in keys}})
+    print(report.table(rows))
+    print()
+    return rows
+
+
 def run(arguments: Namespace) -> list[Row]:
     """All tables that are asked for."""
     only = getattr(arguments, "only", None) or None
@@ -281,6 +322,8 @@ def run(arguments: Namespace) -> list[Row]:
             rows += protocol(found, arguments.splits, arguments.jobs)
         if only in (None, "shifts"):
             rows += shifts(found)
+        if only in (None, "foreign"):
+            rows += foreign(found, arguments.jobs)
     root = Path(arguments.data) if getattr(arguments, "data", None) else None
     if only in (None, "conifers"):
         rows += conifers(root)

@@ -317,7 +317,11 @@ class Rejection:
 
 
 def fit_rejection(
-    score: NDArray[np.float64], distance: NDArray[np.float64], fold: NDArray[np.int64], asked: float
+    score: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    fold: NDArray[np.int64],
+    asked: float,
+    distance_share: float = DISTANCE_SHARE,
 ) -> Rejection:
     """Choose the thresholds so that the share `asked` of known scans is rejected, at most.
 
@@ -329,6 +333,8 @@ def fit_rejection(
         Fold in which each was held out. The share is measured on every fold with thresholds from the others.
     asked : float
         Over 0 and under 1.
+    distance_share : float
+        Share of `asked` that goes to the distance, 0 to 1; the score has the rest.
 
     Returns
     -------
@@ -338,27 +344,31 @@ def fit_rejection(
     Raises
     ------
     InputError
-        If `asked` is out of range, or all scans are of one fold.
+        If `asked` or `distance_share` is out of range, or all scans are of one fold.
     """
     if not 0.0 < asked < 1.0:
         raise InputError(f"false_rejection must be over 0 and under 1, got {asked}")
+    if not 0.0 <= distance_share <= 1.0:
+        raise InputError(f"distance_share must be from 0 to 1, got {distance_share}")
     folds = np.unique(fold)
     if folds.size < 2:
         raise InputError(f"fold must have at least 2 folds, got {folds.size}")
     wrong = 0
     for k in folds:
         own = fold == k
-        score_min, distance_max = _thresholds(score[~own], distance[~own], asked)
+        score_min, distance_max = _thresholds(score[~own], distance[~own], asked, distance_share)
         wrong += int(((score[own] < score_min) | (distance[own] > distance_max)).sum())
-    return Rejection(*_thresholds(score, distance, asked), asked, wrong / score.size, int(score.size))
+    return Rejection(
+        *_thresholds(score, distance, asked, distance_share), asked, wrong / score.size, int(score.size)
+    )
 
 
 def _thresholds(
-    score: NDArray[np.float64], distance: NDArray[np.float64], asked: float
+    score: NDArray[np.float64], distance: NDArray[np.float64], asked: float, distance_share: float
 ) -> tuple[float, float]:
     """Strictest thresholds that reject no more than floor(asked n): the distance first has its share."""
     allowed = int(asked * score.size)
-    far = int(DISTANCE_SHARE * allowed)
+    far = int(distance_share * allowed)
     distance_max = float(np.sort(distance)[score.size - 1 - far])
     near = np.sort(np.where(distance > distance_max, np.inf, score))  # the far ones are rejected already
     return float(near[allowed - int((distance > distance_max).sum())]), distance_max

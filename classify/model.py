@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from classify._checks import check_number
 from classify.boosting import BoostSettings, boost
 from classify.calibration import (
+    DISTANCE_SHARE,
     LEAST_TEMPERATURE,
     MOST_TEMPERATURE,
     FeatureRange,
@@ -250,6 +251,7 @@ def train_model(
     settings: BoostSettings = SPECIES_SETTINGS,
     n_folds: int = 10,
     false_rejection: float = 0.05,
+    distance_share: float = DISTANCE_SHARE,
     name: str = "species",
     version: str = "1",
     provenance: Mapping[str, str] | None = None,
@@ -277,6 +279,10 @@ def train_model(
         those of the model, which is then surer than its probabilities say, and rejects less than was asked.
     false_rejection : float
         Share of scans of these species that may be called "none of these", over 0 and under 1.
+    distance_share : float
+        Share of `false_rejection` that goes to scans far from all that their species has shown, 0 to 1; the
+        rest to those that no species claims. More of it rejects more of what is scanned in another way, less
+        of it more of other species scanned in the same way.
     name, version, provenance
         Kept in the model.
     n_threads : int
@@ -323,7 +329,7 @@ def train_model(
         stumps=boost(x, label, _balanced(label), settings, own_rng[-1]).stumps,
         temperature=temperature,
         span=fit_range(x, label, classes.size),
-        rejection=fit_rejection(scores.max(axis=1), distance, fold, false_rejection),
+        rejection=fit_rejection(scores.max(axis=1), distance, fold, false_rejection, distance_share),
         provenance=dict(provenance or {}),
     )
     return Training(model, label, fold, to_probabilities(scores, temperature), to_probabilities(scores, 1.0))

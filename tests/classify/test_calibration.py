@@ -224,11 +224,20 @@ def test_low_scores_and_far_scans_are_rejected_each_for_itself():
     assert got.tolist() == [False, True, True, False]
 
 
-def test_the_distance_has_a_fifth_of_the_rejections():
+@pytest.mark.parametrize("share, far", [((), 20), ((0.0,), 0), ((0.5,), 50), ((1.0,), 100)])
+def test_the_distance_has_its_share_of_the_rejections(share, far):
+    """A fifth without being asked; the score has the rest of 100."""
     rng = np.random.default_rng(2)
     score, distance = rng.normal(size=1000), rng.random(1000)
-    found = fit_rejection(score, distance, np.arange(1000) % 5, 0.1)
-    assert (distance > found.distance_max).sum() == 20
+    found = fit_rejection(score, distance, np.arange(1000) % 5, 0.1, *share)
+    assert (distance > found.distance_max).sum() == far
+    assert found.rejects(score, distance).sum() == 100
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_wrong_share_for_the_distance_is_refused(share):
+    with pytest.raises(InputError, match=f"distance_share must be from 0 to 1, got {share}"):
+        fit_rejection(np.zeros(4), np.zeros(4), np.arange(4), 0.1, share)
 
 
 @pytest.mark.parametrize(

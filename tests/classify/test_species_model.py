@@ -218,6 +218,7 @@ def test_explanation_of_two_species_is_one_sided():
         ({"trees": [1, 2, 3]}, r"trees must have one entry per scan \(4\), got 3"),
         ({"n_folds": 1}, "n_folds must be at least 2, got 1"),
         ({"false_rejection": 0.0}, "false_rejection must be over 0 and under 1, got 0.0"),
+        ({"distance_share": 2.0}, "distance_share must be from 0 to 1, got 2.0"),
         ({"features": ["a", "b"]}, r"x must have shape \(samples, 2\), got \(4, 1\)"),
         ({"features": [""]}, "features must be 1 to 200 printable characters, got ''"),
         ({"name": "two\nlines"}, "name must be 1 to 200 printable characters, got 'two"),
