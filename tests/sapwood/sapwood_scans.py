@@ -1,6 +1,7 @@
 """Small synthetic scans, and the commands as processes of their own."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -46,7 +47,8 @@ def write_las(path, points, scale=0.001):
 
 
 def spawn(*arguments, cwd, **more):
-    """Start ``python -m sapwood`` as a process of its own."""
+    """Start ``python -m sapwood`` as a process of its own, which hears Ctrl-C even where the tests run in the
+    background of a shell (there it is ignored, and that is inherited)."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
         [sys.executable, "-m", "sapwood", *map(str, arguments)],
@@ -55,5 +57,6 @@ def spawn(*arguments, cwd, **more):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         **more,
     )
