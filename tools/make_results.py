@@ -17,6 +17,9 @@ from argparse import ArgumentParser
 from importlib.metadata import version
 from pathlib import Path
 
+for _each in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy: waiting threads burn CPU seconds
+    os.environ.setdefault(_each, "1")
+
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 

@@ -36,6 +36,21 @@ def test_table(name, small, capsys, tmp_path):
             assert 0.0 <= row.get(key, 0.5) <= 1.0
 
 
+@pytest.mark.parametrize("only", [None, ""])
+def test_all_tables_unless_one_is_asked_for(only, monkeypatch, capsys):
+    def table(name):
+        def make(**_):
+            """One row."""
+            return [{"made": name}]
+
+        return make
+
+    monkeypatch.setattr(jointboost, "TABLES", {name: table(name) for name in jointboost.TABLES})
+    jointboost.run(Namespace(only=only, full=False, json=None))
+    text = capsys.readouterr().out
+    assert all(f"| {name} " in text for name in jointboost.TABLES)
+
+
 def test_sharing_needs_fewer_stumps(monkeypatch):
     monkeypatch.setattr(jointboost, "SHARED_CLASSES", (8,))
     for row in jointboost.sharing():
