@@ -15,7 +15,7 @@ RUN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 HAS_OPENMP := $(shell PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -m 1 -o 'libgomp\.so\.1$$')
 TEST_ENV := $(RUN_ENV) PYOPENGL_PLATFORM=egl $(if $(HAS_OPENMP),NUMBA_THREADING_LAYER=omp)
 
-.PHONY: help demo test check format bench docs clean
+.PHONY: help demo test check format bench results docs clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
@@ -41,6 +41,10 @@ format: ## let the formatter and the linter's safe fixes rewrite the files
 bench: ## measure time, memory and accuracy: make bench ARGS="--data DIR" (docs/benchmarks.md)
 	@tools/setup.sh dev
 	@$(RUN_ENV) $(BIN)/python -m benchmarks $(ARGS)
+
+results: ## write docs/results.md anew: make results ARGS="--data DIR"
+	@tools/setup.sh dev
+	@$(RUN_ENV) $(BIN)/python tools/make_results.py $(ARGS)
 
 docs: ## write docs/commands.md, the README's pictures and the output of its examples anew
 	@tools/setup.sh dev

@@ -1,6 +1,6 @@
 """Measure everything and write docs/results.md: the figures that the README points to.
 
-``python tools/make_results.py --data DIR`` runs all of `benchmarks`, ``--full`` with the ladder to 10 million
+``make results ARGS="--data DIR"`` runs all of `benchmarks`, ``--full`` with the ladder to 10 million
 points. ``--keep`` leaves the sections of benchmarks in ``--skip`` as they are in the page.
 """
 
@@ -16,9 +16,6 @@ import sys
 from argparse import ArgumentParser
 from importlib.metadata import version
 from pathlib import Path
-
-for _each in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy: waiting threads burn CPU seconds
-    os.environ.setdefault(_each, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
